@@ -37,6 +37,8 @@ GROUPS = (
     "benchmarks.suites",
 )
 """All groups: names of packages and of groups of entry points. For listings only."""
+DIGITS = 6
+"""Digits of the SHA-256 of a file in labels."""
 METHOD_LINE = re.compile(r"^METHOD\b", re.MULTILINE)
 """What a module with a method contains; other files of a folder are shared between its methods."""
 _DATA_GROUPS = ("optik.robots", "benchmarks.suites")
@@ -45,6 +47,13 @@ _OURS = ("optik", "planners", "benchmarks")
 """Our packages: if one of their modules is missing, no dependency is."""
 _loaded: dict[tuple[str, str], tuple[str, Any]] = {}
 """Plug-ins that this process has loaded, by group and name: the source, and the method."""
+
+
+class ClassName:
+    """Default ``name`` of a class: its own in lower case, and not stored, so that its file can give it another one."""
+
+    def __get__(self, method: object, kind: type) -> str:
+        return kind.__name__.lower()
 
 
 class RefusedEntryPoint(NamedTuple):
@@ -96,8 +105,16 @@ def check_name(group: str, name: Any, kind: str) -> str:
     return str(name)
 
 
-def short_name(name: str | os.PathLike[str]) -> str:
+def label(method: Any) -> str:
+    """Return the name of a built method in results; that of a file has the first digits of the file's SHA-256 behind it."""
+    digits = getattr(type(method), "__sha256__", "")[:DIGITS]
+    return f"{method.name}@{digits}" if digits else str(method.name)
+
+
+def short_name(name: Any) -> str:
     """Return the name of a method or robot in reports: its name, or the stem of its file."""
+    if not isinstance(name, str | os.PathLike):
+        return str(name.name)
     text = os.fspath(name)
     if not is_path(name):
         return text
@@ -137,8 +154,11 @@ def data_file(group: str, name: str | os.PathLike[str], kind: str) -> Path:
     return resolve_file(Path(value).absolute(), kind)
 
 
-def load_method(group: str, name: str | os.PathLike[str], kind: str = "method") -> Any:
-    """Return a method: the ``METHOD`` of a module or of a file, or the object of an entry point."""
+def load_method(group: str, name: str | os.PathLike[str] | type, kind: str = "method") -> Any:
+    """Return a method: a class, the ``METHOD`` of a module or of a file, or the object of an entry point."""
+    if isinstance(name, type):
+        where = f"class {name.__name__}"
+        return _check_method(group, name, str(getattr(name, "name", name.__name__)), where)
     if is_path(name):
         return _from_file(group, resolve_file(name, kind), kind)
     point = _entry_point(group, name, kind)
@@ -151,8 +171,8 @@ def load_method(group: str, name: str | os.PathLike[str], kind: str = "method") 
     return name_method(module.METHOD, module.__name__, str(name))
 
 
-def build_method(group: str, name: str | os.PathLike[str], kind: str, *arguments: Any, **options: Any) -> Any:
-    """Call a method; raise InvalidInput for wrong options."""
+def build_method(group: str, name: str | os.PathLike[str] | type, kind: str, *arguments: Any, **options: Any) -> Any:
+    """Call a method, given by name, file or class; raise InvalidInput for wrong options."""
     method = load_method(group, name, kind)
     try:
         return method(*arguments, **options)

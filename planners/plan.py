@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import os
-
 from numpy.typing import ArrayLike
 
-from optik.arm.plain import describe_difference
 from optik.arm.robot import Robot
 from optik.check import check_number
 from optik.errors import InvalidInput, NoSolution
-from optik.ik import IKSolver, get_solver
+from optik.ik import IKSolver, SolverLike, get_solver
 from optik.ik.base import Tolerance, ToleranceLike
+from optik.registry import label
 from optik.scene import Scene
 from planners.certificate.violation import LIMIT_WORDS, Allow, check_allow
 from planners.choice.first_paths import check_avoid, check_avoidable
@@ -23,8 +21,8 @@ from planners.paths.goal import check_winding, path_to
 from planners.planning.planner import MotionPlanner
 from planners.planning.request import PlanRequest
 from planners.planning.result import Plan, PlanSeconds
-from planners.search.base import Search
-from planners.timing import TimeLaw, law_for, make_law
+from planners.search.base import SearchLike
+from planners.timing import LawLike, make_law
 
 __all__ = ["Plan", "PlanSeconds", "PlanStatus", "make_law", "path_to", "plan"]
 
@@ -34,10 +32,10 @@ def plan(
     path: Path | ArrayLike,
     q_start: ArrayLike | None = None,
     *,
-    solver: str | os.PathLike[str] | IKSolver = "lm", timing: str | os.PathLike[str] | TimeLaw = "optimal",
+    solver: SolverLike = "lm", timing: LawLike = "optimal",
     limits: MotionLimits | None = None, samples: int = 151, branch: str | None = None, rate: float = 1000.0,
     duration: float | None = None, strict: bool = False, tolerance: ToleranceLike = DEFAULT_TOLERANCE, allow: Allow = (),
-    scene: Scene | None = None, avoid: bool | str | os.PathLike[str] | Search = False, winding: str = "nearest",
+    scene: Scene | None = None, avoid: bool | SearchLike = False, winding: str = "nearest",
 ) -> Plan:  # fmt: skip
     """Plan the joint motion that takes the tool along a path, and certify its limits.
 
@@ -49,8 +47,8 @@ def plan(
         The path of the tool. A pose means the straight line to it; joints [rad, m] mean the line in joint space.
     q_start : (n,) array, optional
         Configuration at the path's start [rad, m]; by default the best one there.
-    solver, timing : str, or IKSolver and TimeLaw
-        Method and law: a name, a file (``"./jt.py"``), or an object, such as ``make_law("constant_speed", speed=0.1)``.
+    solver, timing : str, path, type, or IKSolver and TimeLaw
+        A name, a file (``"./jt.py"``), a class, or an object, such as ``make_law("constant_speed", speed=0.1)``.
     limits : MotionLimits, optional
         By default the robot's own. A plan that exceeds a limit given here is invalid, even if its law does not enforce it.
     samples : int
@@ -70,7 +68,7 @@ def plan(
         collision-free at every instant (`Certificate.clearance`). An empty scene checks the links alone.
     allow : {"limits", "jerk"}, or both
         Permit given limits that the law does not enforce to be exceeded: ``"jerk"``, and ``"limits"`` for all others.
-    avoid : bool, or str or Search
+    avoid : bool, or str, path, type or Search
         Search a way around obstacles to joints, any configuration of a pose or along a `PointToPoint`, or use the freedoms of
         a `FreePath`. A name, a file or a built search (`planners.find_path`) replaces the default one.
     winding : {"nearest", "exact"}
@@ -101,17 +99,14 @@ def _check_options(duration: float | None, strict: bool) -> bool:
 
 
 def _build_request(
-    robot: Robot, path: Path | ArrayLike, q_start: ArrayLike | None, solver: str | os.PathLike[str] | IKSolver,
-    timing: str | os.PathLike[str] | TimeLaw, limits: MotionLimits | None,
-    options: tuple[ToleranceLike, float, Scene | None, Allow, bool | str | os.PathLike[str] | Search, str],
+    robot: Robot, path: Path | ArrayLike, q_start: ArrayLike | None, given: SolverLike, timing: LawLike,
+    limits: MotionLimits | None, options: tuple[ToleranceLike, float, Scene | None, Allow, bool | SearchLike, str],
 ) -> tuple[IKSolver, PlanRequest]:  # fmt: skip
     """Return the solver and the request, with defaults filled in, after checking that the arguments are consistent."""
-    solver = get_solver(robot, solver) if isinstance(solver, str | os.PathLike) else solver
-    law = law_for(timing)
+    solver, law = get_solver(robot, given), make_law(timing)
     limits = MotionLimits.of(robot) if limits is None else limits
-    for argument, value, kind in (("solver", solver, IKSolver), ("limits", limits, MotionLimits)):
-        if not isinstance(value, kind):
-            raise InvalidInput(argument, repr(value)[:60], f"an object of the class {kind.__name__}")
+    if not isinstance(limits, MotionLimits):
+        raise InvalidInput("limits", repr(limits)[:60], "an object of the class MotionLimits")
     tolerance, rate, scene, allow, avoid, winding = options
     avoid, winding, unreachable = check_avoid(avoid), check_winding(winding), None
     winding = "exact" if isinstance(path, Path) else winding
@@ -123,13 +118,10 @@ def _build_request(
             path, unreachable = path_to(robot, path, q_start), error
     elif not isinstance(path, Path):
         path = path_to(robot, path, q_start, winding)
-    if solver.robot != robot:
-        other = f"a solver built for {solver.robot.name}, which differs in {describe_difference(solver.robot, robot)}"
-        raise InvalidInput("solver", other, f"one built for this {robot.name}")
     law.need(limits, robot)
     check_path(limits, path)
     return solver, PlanRequest(
-        robot, path, limits, solver.name, law, Tolerance.of(tolerance), rate, scene=scene,
+        robot, path, limits, label(solver), law, Tolerance.of(tolerance), rate, scene=scene,
         allow=check_allow(allow, LIMIT_WORDS), avoid=avoid, winding=winding,
         unreachable=unreachable,
     )  # fmt: skip

@@ -13,10 +13,9 @@ from numpy.typing import NDArray
 
 from benchmarks.problems.base import ProblemSet
 from optik.arm.robot import Robot
-from optik.content import content
 from optik.ik import make_solver
 from optik.ik.problem import UNREACHABLE
-from optik.types import Array, Flags
+from optik.types import Array, Flags, content
 
 REFERENCE_RESTARTS = 100
 """Restarts of `lm` for one target. On the paper's workspace 20, 50, 100 and 500 solve the same 2,733 targets of 4,305."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,6 +17,8 @@ from optik.arm.limits import JointLimits
 from optik.arm.model import UNIT_LENGTH, ArmDynamics, ArmModel, DHRow, check_rows, screw_x, screw_z
 from optik.arm.plain import arm_from_dict, arm_to_dict
 from optik.arm.shapes import Shapes
+from optik.arm.summary import COLUMNS, describe_robot, joint_rows, tool_facts
+from optik.card import Card
 from optik.check import real_array
 from optik.errors import InvalidInput, RobotModelError
 from optik.types import Array
@@ -74,7 +77,38 @@ class Robot(ArmDynamics):
         return f"Robot({self.name!r}, {self.n} joints{gravity})"
 
     def __str__(self) -> str:
-        return f"{self!r}, {self.source}" if self.source else repr(self)
+        return describe_robot(self, self._rest)
+
+    @property
+    def _rest(self) -> Array:
+        return self.fk(self.limits.middle)[:3, 3]
+
+    def _repr_html_(self) -> str:
+        """Return the table of joints for a notebook."""
+        return Card(title=repr(self), head=COLUMNS, rows=joint_rows(self), facts=tool_facts(self, self._rest)).to_html()
+
+    def show(self, q: ArrayLike | None = None, *, scene: Any = None) -> Any:
+        """Show the arm at a configuration: in the cell of a notebook, else in the browser.
+
+        Parameters
+        ----------
+        q : (n,) array, optional
+            The configuration [rad, m]; by default every joint in the middle of its range.
+        scene : Scene, optional
+            Obstacles around the arm.
+
+        Returns
+        -------
+        Page
+            The page; ``save(file)`` writes it.
+
+        Raises
+        ------
+        InvalidInput
+            A configuration of another length, NaN or infinity.
+        """
+        # The viewer draws arms and scenes, so it stands above this module and is found by its name.
+        return import_module("optik.view").show_arm(self, self.limits.middle if q is None else q, scene)
 
     # ------------------------------------------------------------ conventions
 

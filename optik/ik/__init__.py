@@ -5,17 +5,18 @@ from __future__ import annotations
 import os
 import sys
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from numpy.typing import ArrayLike
 
+from optik.arm.plain import describe_difference
 from optik.arm.robot import Robot
-from optik.content import content
 from optik.errors import InvalidInput
 from optik.ik._collision_free import solve_collision_free
 from optik.ik.base import IKBatch, IKResult, IKSolver, IKStatus, Tolerance
 from optik.plugins.files import is_path
 from optik.registry import build_method, load_method, names, own_names
+from optik.types import content
 
 if TYPE_CHECKING:
     from optik.ik.closed_form import ClosedForm
@@ -24,6 +25,9 @@ if TYPE_CHECKING:
     from optik.ik.lm import LM
     from optik.ik.sqp import SQP
     from optik.scene import Scene
+
+SolverLike: TypeAlias = str | os.PathLike[str] | type[IKSolver] | IKSolver
+"""An IK method: its name, file or class, or a solver that is built for the arm."""
 
 __all__ = [
     "DLS",
@@ -35,6 +39,7 @@ __all__ = [
     "IKResult",
     "IKSolver",
     "IKStatus",
+    "SolverLike",
     "Tolerance",
     "make_solver",
     "solve_ik",
@@ -48,15 +53,15 @@ def solvers() -> tuple[str, ...]:
     return names("optik.ik")
 
 
-def make_solver(robot: Robot, solver: str | os.PathLike[str] = "lm", **options: Any) -> IKSolver:
-    """Build a solver for a robot from the name of a method or the path of a Python file.
+def make_solver(robot: Robot, solver: SolverLike = "lm", **options: Any) -> IKSolver:
+    """Build a solver for a robot from the name of a method, the path of a Python file, or a class.
 
     Parameters
     ----------
     robot : Robot
         The arm.
-    solver : str or path
-        A name from `solvers`, or a Python file such as ``"./jt.py"``, which is run.
+    solver : str, path, type or IKSolver
+        A name from `solvers`, a Python file such as ``"./jt.py"``, which is run, a class, or a solver of this robot.
     **options
         Options of the method.
 
@@ -71,8 +76,15 @@ def make_solver(robot: Robot, solver: str | os.PathLike[str] = "lm", **options: 
     InvalidInput
         An unknown or invalid option, or a file that defines no method.
     """
-    built: IKSolver = build_method("optik.ik", solver, "IK method", robot, **options)
-    return built
+    if isinstance(solver, str | os.PathLike | type):
+        built: IKSolver = build_method("optik.ik", solver, "IK method", robot, **options)
+        return built
+    if not isinstance(solver, IKSolver):
+        raise InvalidInput("solver", repr(solver)[:60], "a name, a file, or a class or object of IKSolver")
+    if solver.robot != robot:
+        other = f"a solver built for {solver.robot.name}, which differs in {describe_difference(solver.robot, robot)}"
+        raise InvalidInput("solver", other, f"one built for this {robot.name}")
+    return solver.with_options(**options) if options else solver
 
 
 class _Options:
@@ -111,7 +123,7 @@ def _get_cached_from_file(robot: Robot, method: type[IKSolver], solver: Any, opt
 
 
 def solve_ik(
-    robot: Robot, target: ArrayLike, q0: ArrayLike, solver: str | os.PathLike[str] = "lm",
+    robot: Robot, target: ArrayLike, q0: ArrayLike, solver: SolverLike = "lm",
     *, scene: Scene | None = None, **options: Any,
 ) -> IKResult:  # fmt: skip
     """Find a configuration whose tool pose is the target; the solver is cached per robot and options.
@@ -155,7 +167,7 @@ def solve_ik_batch(
     robot: Robot,
     targets: ArrayLike,
     starts: ArrayLike,
-    solver: str | os.PathLike[str] = "lm",
+    solver: SolverLike = "lm",
     *,
     threads: int | None = None,
     **options: Any,
@@ -193,10 +205,12 @@ def solve_ik_batch(
     return get_solver(robot, solver, options).solve_batch(targets, starts, threads=threads)
 
 
-def get_solver(robot: Robot, solver: str | os.PathLike[str] = "lm", options: dict[str, Any] | None = None) -> IKSolver:
+def get_solver(robot: Robot, solver: SolverLike = "lm", options: dict[str, Any] | None = None) -> IKSolver:
     """Return the solver that `solve_ik` caches for a robot and options; build it on the first call."""
     name: Any = solver
     options = options or {}
+    if isinstance(solver, IKSolver):
+        return make_solver(robot, solver, **options)
     try:
         key = _Options(options) if options else _NO_OPTIONS
         try:

@@ -30,6 +30,7 @@ from optik.ik.problem import IKStatus as IKStatus
 from optik.ik.problem import Tolerance as Tolerance
 from optik.ik.problem import ToleranceLike as ToleranceLike
 from optik.plugins.options import defaults
+from optik.registry import ClassName
 from optik.task import Task, as_task, judge
 from optik.types import Array
 
@@ -97,7 +98,7 @@ class IKSolver(ABC):
         An option out of range, or a task that the method does not support.
     """
 
-    name: ClassVar[str]
+    name: ClassVar[str] = ClassName()  # type: ignore[assignment] # read as a str
 
     takes_tasks: ClassVar[bool] = True
     """Whether the method can leave components of the pose free."""

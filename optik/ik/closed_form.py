@@ -9,7 +9,6 @@ from numpy.typing import ArrayLike
 
 from optik.arm.reach import outside_reach
 from optik.arm.robot import Robot
-from optik.content import compare_by_content
 from optik.errors import InvalidInput
 from optik.ik.analytic import branches
 from optik.ik.analytic import roots as roots_of
@@ -17,7 +16,7 @@ from optik.ik.analytic.backends import BackendError, build_backend
 from optik.ik.base import Attempt, IKSolver, IKStatus
 from optik.ik.problem import check_start
 from optik.se3 import check_pose, exp_so3, pose
-from optik.types import Array, Flags
+from optik.types import Array, Flags, compare_by_content
 
 BACKENDS = ("auto", "ssik", "eaik", "enumeration")
 """Values of the option ``backend``."""

@@ -13,14 +13,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from optik.arm.limits import LIMIT_TOLERANCE
 from optik.arm.robot import Robot
+from optik.card import Card
 from optik.check import check_number, real_array
 from optik.compiled import compiled
-from optik.content import compare_by_content
 from optik.errors import InvalidInput
 from optik.kinematics import Range
 from optik.se3 import check_pose, is_pose
 from optik.task import Task, as_task
-from optik.types import Array, Flags
+from optik.types import Array, Flags, compare_by_content
 
 
 class IKStatus(StrEnum):
@@ -176,6 +176,21 @@ class IKResult(NamedTuple):
     def __bool__(self) -> bool:
         return self.status is IKStatus.SOLVED
 
+    def __repr__(self) -> str:
+        return str(self)
+
+    def _repr_html_(self) -> str:
+        """Return the result for a notebook."""
+        advice = f"{self.message}; try: {self.status.advice}" if self.message and self.status.advice else self.message
+        facts = (
+            ("Joints [rad, m]", ", ".join(f"{value:.6g}" for value in self.q)),
+            ("Position error", f"{1e3 * self.position_error:.3g} mm"),
+            ("Rotation error", f"{self.rotation_error:.3g} rad"),
+            ("Iterations", f"{self.iterations}, {self.restarts} restarts"),
+        )
+        verdict = str(self.status) + (f": {advice or self.status.advice}" if not self else "")
+        return Card(title="Inverse kinematics", verdict=verdict, good=bool(self), facts=facts).to_html()
+
     def __str__(self) -> str:
         lines = [
             f"{self.status}: {self.iterations} iterations, {self.restarts} restarts",
@@ -207,6 +222,9 @@ class IKBatch(NamedTuple):
     restarts: NDArray[np.int32]
     position_error: Array
     rotation_error: Array
+
+    def __repr__(self) -> str:
+        return str(self)
 
     def __str__(self) -> str:
         counts = np.bincount(self.status, minlength=len(STATUS_OF_CODE))

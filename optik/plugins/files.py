@@ -1,8 +1,8 @@
 """Files of plug-ins: recognition of paths, import of Python files, and SHA-256.
 
 A Python file is imported only if its path is given. Its module has a name of its own, derived from the absolute path, and
-may import the files beside it relatively. A process runs one version of a file: a file that has changed since its import is
-an error.
+may import the files beside it relatively. A file that has changed since its import is imported anew; if that fails, its
+last version stays in use and a warning says so. A run of a suite refuses changed files.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import pickle
 import re
 import sys
 import threading
+import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -25,7 +26,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from optik.errors import InvalidInput
+from optik.errors import AssumptionWarning, InvalidInput, OptikError
 from optik.file_io import read_bytes
 
 SUFFIXES = (".py", ".toml", ".urdf", ".xml", ".json")
@@ -102,17 +103,30 @@ def _relative_imports(source: bytes) -> tuple[str, ...]:
 
 
 def import_file(file: Path) -> ModuleType:
-    """Import a Python file, or return its module if this process has imported it."""
+    """Import a Python file, or return its module if this process has imported this version of it."""
     stem = re.sub(r"\W", "_", file.stem)
     name = f"{MODULES}{stem}_{hashlib.sha256(os.fsencode(file)).hexdigest()[:16]}"
     with _importing:
         module = sys.modules.get(name)
         if module is None:
             return exec_module(file, name)
-    if digest(file) != module.__sha256__:
-        changed = "a file that has changed since it was imported; start a new process to use it"
-        raise InvalidInput(str(file), changed, "the imported version")
-    return module
+        if digest(file) == module.__sha256__:
+            return module
+        before = {key: loaded for key, loaded in sys.modules.items() if key.partition(".")[0] == name}
+        for key in before:
+            del sys.modules[key]
+        try:
+            return exec_module(file, name)
+        except Exception as error:
+            if isinstance(error, OptikError):
+                raise
+            sys.modules.update(before)
+            where = f", line {error.lineno}" if isinstance(error, SyntaxError) else ""
+            warnings.warn(
+                f"{file.name} has changed and fails ({type(error).__name__}: {error}{where}); its last version stays in use",
+                AssumptionWarning, stacklevel=2,
+            )  # fmt: skip
+            return module
 
 
 def exec_module(file: Path, name: str) -> ModuleType:
@@ -136,6 +150,8 @@ def exec_module(file: Path, name: str) -> ModuleType:
         raise
     for kind in values.values():
         own = isinstance(kind, type) and kind.__module__.partition(".")[0] == name
+        if own:
+            kind.__sha256__ = found
         if own and kind.__reduce_ex__ is object.__reduce_ex__:
             kind.__reduce_ex__ = _reduce
     name_method(values.get("METHOD"), name, file.stem)
@@ -182,6 +198,16 @@ def expect(recorded: Iterable[Mapping[str, str]]) -> None:
         if file.suffix.lower() == ".py":
             _expected[str(file)] = row["sha256"]
             _check_expected(file, digest(file))
+
+
+@contextmanager
+def expected(recorded: Iterable[Mapping[str, str]]) -> Iterator[None]:
+    """Check that Python files have the recorded SHA-256 until the end of a run."""
+    try:
+        expect(recorded)
+        yield
+    finally:
+        _expected.clear()
 
 
 def _check_expected(file: Path, found: str) -> None:

@@ -16,14 +16,14 @@ from optik import se3
 from optik.arm.limits import freeze
 from optik.arm.shapes.check import check_excess, check_length, check_point
 from optik.arm.shapes.enclosure import Capsule, complete_frame, enclose_cylinder, enclose_mesh, enclose_objects
+from optik.card import Card
 from optik.check import check_number, check_words, format_value
-from optik.content import content
 from optik.errors import InvalidInput, UnknownName
 from optik.scene.cloud import check_points, pack_cloud
 from optik.scene.files import OBJECT_KINDS, SCENE_KEYS, load_scene, scene_from_dict, scene_to_dict
 from optik.scene.mesh import check_mesh, find_hull, pack_solids
 from optik.tables import warn_of_assumptions
-from optik.types import Array, Flags
+from optik.types import Array, Flags, content
 
 if TYPE_CHECKING:
     from optik.arm.robot import Robot
@@ -129,6 +129,12 @@ class Scene:
         counts = (f"{len(getattr(self, kind))} {kind}" for kind in OBJECT_KINDS if getattr(self, kind))
         margin = [f"margin {1e3 * self.margin:.4g} mm"] if self.margin else []
         return f"Scene({', '.join([*counts, *margin]) or 'empty'})"
+
+    def _repr_html_(self) -> str:
+        """Return the table of objects for a notebook."""
+        names, each = iter(self.names), {kind: getattr(self, kind) for kind in OBJECT_KINDS}
+        facts = [(kind, ", ".join(next(names) for _ in rows)[:300]) for kind, rows in each.items() if rows]
+        return Card(title=repr(self), facts=facts).to_html()
 
     # ------------------------------------------------------------ files
 

@@ -166,11 +166,11 @@ def describe_track(track: Track) -> dict[str, Any]:
 
 def _describe_load(robot: Robot, track: Track) -> dict[str, Any]:
     """Return the accelerations and torques of a motion; without those that are unknown."""
-    known = {"ddq": track.ddq, "torque": _find_torques(robot, track)}
+    known = {"ddq": track.ddq, "torque": find_torques(robot, track)}
     return {name: _pack(values) for name, values in known.items() if values is not None}
 
 
-def _find_torques(robot: Robot, track: Track) -> Array | None:
+def find_torques(robot: Robot, track: Track) -> Array | None:
     """Return the measured torques of a motion, or those of the load that needs more; None if they are unknown."""
     if track.torque is not None or track.ddq is None or robot.inertia is None:
         return track.torque

@@ -4,9 +4,17 @@ from __future__ import annotations
 
 import json
 import os
+import sys
+import webbrowser
 from collections.abc import Mapping
+from dataclasses import dataclass
 from importlib.resources import files
+from pathlib import Path
+from tempfile import mkdtemp
 from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
 
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
@@ -53,11 +61,95 @@ def write_page(show: Show, file: str | os.PathLike[str]) -> None:
         The file cannot be written.
     """
     check_suffix(file, PAGE_SUFFIXES)
-    content = make_page(show).encode()
-    if len(content) > MOST_PAGE:
-        got = f"a page of {len(content) / 1e6:.1f} MB"
+    page = make_page(show)
+    if len(page.encode()) > MOST_PAGE:
+        got = f"a page of {len(page.encode()) / 1e6:.1f} MB"
         raise InvalidInput("show", got, f"at most {MOST_PAGE / 1e6:.0f} MB: a shorter path or fewer facts")
-    write_atomically(file, lambda part: part.write_bytes(content))
+    Page(page).save(file)
+
+
+@dataclass(frozen=True)
+class Page:
+    """A page; in the cell of a notebook it shows itself.
+
+    Attributes
+    ----------
+    html : str
+        Its content.
+    """
+
+    html: str
+
+    def __repr__(self) -> str:
+        return f"Page({len(self.html) / 1e3:.0f} kB)"
+
+    def _repr_html_(self) -> str:
+        """Return the page as a frame of a notebook's cell."""
+        from markupsafe import escape
+
+        style = "width: 100%; height: 460px; border: 1px solid #8884"
+        return f'<iframe style="{style}" srcdoc="{escape(self.html)}"></iframe>'
+
+    def save(self, file: str | os.PathLike[str]) -> None:
+        """Write the page; after an error there is no partial file.
+
+        Parameters
+        ----------
+        file : str or path
+            A file with the suffix .html or .htm.
+
+        Raises
+        ------
+        InvalidInput
+            Another suffix.
+        OutputError
+            The file cannot be written.
+        """
+        check_suffix(file, PAGE_SUFFIXES)
+        write_atomically(file, lambda part: part.write_bytes(self.html.encode()))
+
+
+def show_page(show: Show) -> Page:
+    """Return the page of a viewer, which a notebook shows; elsewhere open it in the browser."""
+    page = Page(make_page(show))
+    if not in_notebook():
+        file = Path(mkdtemp(prefix="optik-")) / "view.html"
+        page.save(file)
+        webbrowser.open(file.as_uri())
+    return page
+
+
+def in_notebook() -> bool:
+    """Return whether a kernel of Jupyter runs this process."""
+    shell = sys.modules.get("IPython")
+    return shell is not None and getattr(shell.get_ipython(), "kernel", None) is not None
+
+
+def show_arm(robot: Robot, q: ArrayLike, scene: Scene | None = None) -> Page:
+    """Show an arm at rest: in the cell of a notebook, else in the browser. `Robot.show` calls it.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+    q : (n,) array
+        Its configuration [rad, m].
+    scene : Scene, optional
+        Obstacles around it.
+
+    Returns
+    -------
+    Page
+        The page; ``save(file)`` writes it.
+
+    Raises
+    ------
+    InvalidInput
+        A configuration of another length, NaN or infinity.
+    """
+    tool = robot.fk(q)[:3, 3]
+    rest = np.asarray(q, dtype=np.float64)[None]
+    return show_page(Show(robot, robot.name, Track(np.zeros(1), rest, np.zeros_like(rest)), tool[None], scene=scene))
 
 
 def make_page(show: Show) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from copy import copy
 from dataclasses import dataclass
 from math import inf
@@ -15,7 +14,7 @@ from optik import se3
 from optik.arm.reach import outside_reach, reach_bound
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
-from optik.ik import IKSolver, get_solver
+from optik.ik import SolverLike, get_solver
 from optik.scene import Scene
 from optik.task import POSE
 from optik.types import Array
@@ -30,7 +29,7 @@ from planners.following.failure import joint_unit
 from planners.limits import MotionLimits
 from planners.paths.line import Line
 from planners.plan import Plan, PlanStatus, plan
-from planners.timing import TimeLaw, law_for
+from planners.timing import LawLike, TimeLaw, make_law
 
 NO_MOVE = 1e-9
 """Largest length of a line for which the tool counts as at its target [m, or rad]: a thousandth of the encoders' resolution."""
@@ -84,7 +83,7 @@ class TaskSettings:
     """The settings of a task; see `Cell.move_to_spot`."""
 
     law: TimeLaw
-    solver: str | os.PathLike[str] | IKSolver
+    solver: SolverLike
     stop: StopRequest | None
     watch: Watcher | None
     orientation: Array | None = None
@@ -111,9 +110,7 @@ class CellTask:
 
     def __init__(self, cell: Equipment, settings: TaskSettings) -> None:
         self.cell, self.settings = cell, settings
-        self.solver = (
-            settings.solver if isinstance(settings.solver, IKSolver) else get_solver(cell.robot, settings.solver)
-        )
+        self.solver = get_solver(cell.robot, settings.solver)
         self.steps: list[Step] = []
         self.rounds: list[Round] = []
         self.along: list[PathSplit] = []
@@ -423,9 +420,9 @@ class CellTask:
             self._measure_arrival(found, self._execute(found, self.settings.stop))
 
 
-def make_settings(law: str | os.PathLike[str] | TimeLaw, **given: Any) -> TaskSettings:
+def make_settings(law: LawLike, **given: Any) -> TaskSettings:
     """Build the settings of a task from its law and the other fields of `TaskSettings`."""
-    return TaskSettings(law=law_for(law), **given)
+    return TaskSettings(law=make_law(law), **given)
 
 
 def _mm(metres: Any) -> str:

@@ -15,7 +15,7 @@ from optik import se3
 from optik.arm.robot import Robot
 from optik.check import check_count, check_number, format_value
 from optik.errors import InvalidInput
-from optik.ik import IKSolver
+from optik.ik import SolverLike
 from optik.scene import Scene
 from optik.scene.contact import check_scene
 from optik.types import Array
@@ -28,7 +28,7 @@ from planners.cell.laser import PanTiltLaser
 from planners.cell.outcome import CellStatus, Outcome, Step
 from planners.cell.sighting import Follow, Look, Plane, Sighting, Spot, check_vectors
 from planners.limits import MotionLimits
-from planners.timing import TimeLaw
+from planners.timing import LawLike
 
 MOST_ROUNDS = 100
 """Largest number of corrections of one task: because of noise, the error no longer decreases after two or three."""
@@ -239,8 +239,8 @@ class Cell:
     def move_to_spot(
         self,
         spot: Spot, orientation: ArrayLike | None = None,
-        *, corrections: int = 0, readings: int = 1, timing: str | os.PathLike[str] | TimeLaw = "optimal",
-        solver: str | os.PathLike[str] | IKSolver = "lm", samples: int = 151, plane: Plane | None = None,
+        *, corrections: int = 0, readings: int = 1, timing: LawLike = "optimal",
+        solver: SolverLike = "lm", samples: int = 151, plane: Plane | None = None,
         true_spot: ArrayLike | None = None, follow: Follow | None = None, moved: float = 0.005, most_replans: int = 10,
         look: Look | None = None, stop: StopRequest | None = None, watch: Watcher | None = None,
     ) -> Outcome:  # fmt: skip
@@ -297,7 +297,7 @@ class Cell:
         return CellTask(self._equipment(), settings).run(spot)
 
     def resume(
-        self, outcome: Outcome, *, solver: str | os.PathLike[str] | IKSolver | None = None, stop: StopRequest | None = None,
+        self, outcome: Outcome, *, solver: SolverLike | None = None, stop: StopRequest | None = None,
         watch: Watcher | None = None,
     ) -> Outcome:  # fmt: skip
         """Resume a task along the same path after a stop on request or a fault during its motion.

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from optik.card import Bar, Card
 from optik.errors import InvalidInput, InvalidMotion
 from optik.ik.base import Tolerance
 from optik.types import Array
@@ -36,7 +37,7 @@ MOST_LIMITS = 7
 """Largest number of limits in a summary, by decreasing ratio."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Certificate:
     """Proved properties of a trajectory. Two certificates are equal only if they are the same object.
 
@@ -119,8 +120,18 @@ class Certificate:
     jump: Jump | None = None
     t_position_margin: Array | None = None
 
+    def __repr__(self) -> str:
+        return str(self)
+
     def __str__(self) -> str:
         return "\n".join(summary_lines(self))
+
+    def _repr_html_(self) -> str:
+        """Return the verdict and the peaks for a notebook."""
+        title, verdict = f"Certificate of {self.duration:.4g} s", summary_lines(self)[0]
+        return Card(
+            title=title, verdict=verdict, good=self.is_valid, bars=limit_bars(self), facts=tool_facts(self)
+        ).to_html()
 
     @cached_property
     def sampled_jerk(self) -> Array:
@@ -282,31 +293,44 @@ def summary_lines(proof: Certificate, least: float | None = None) -> list[str]:
     return [status, f"duration {proof.duration:.3g} s{joints}", *_limit_lines(proof), *_tool_lines(proof)]
 
 
-def _limit_lines(proof: Certificate) -> list[str]:
-    """Return the summary's lines on limits (peak / limit), only for the limits with the largest ratios."""
+def limit_bars(proof: Certificate) -> list[Bar]:
+    """Return the peak ratios of the limits with the largest ones, each with its joint and time."""
     found = {name: proof.worst(name) for name in (*ALL_LIMITS, *proof.extra)}
-    bounded = sorted((name for name in found if not np.isnan(found[name][0])), key=lambda name: -found[name][0])
-    shown, lines = bounded[:MOST_LIMITS], []
-    for name in (name for name in found if name in shown):
-        ratio, subject, t = found[name]
-        enforced = "" if name in proof.enforced else ", not enforced"
-        lines.append(f"peak / limit, {name}: {ratio:.3g} ({subject} at {t:.3g} s{enforced})")
-    if len(bounded) > MOST_LIMITS:
-        lines[-1] += f"; {len(bounded) - MOST_LIMITS} more limits with smaller ratios"
-    return lines
+    bounded = {name: one for name, one in found.items() if not np.isnan(one[0])}
+    bars = [
+        Bar(name, ratio, f"{subject} at {t:.3g} s{'' if name in proof.enforced else ', not enforced'}")
+        for name, (ratio, subject, t) in bounded.items()
+    ]
+    least = sorted((bar.ratio for bar in bars), reverse=True)[:MOST_LIMITS]
+    return [bar for bar in bars if bar.ratio >= least[-1]]
+
+
+def _limit_lines(proof: Certificate) -> list[str]:
+    """Return the summary's lines on limits (peak / limit)."""
+    bars = limit_bars(proof)
+    lines = [f"peak / limit, {bar.name}: {bar.ratio:.3g} ({bar.words})" for bar in bars]
+    more = sum(not np.isnan(proof.worst(name)[0]) for name in (*ALL_LIMITS, *proof.extra)) - len(bars)
+    return lines if more == 0 else [*lines[:-1], f"{lines[-1]}; {more} more limits with smaller ratios"]
+
+
+def tool_facts(proof: Certificate) -> list[tuple[str, str]]:
+    """Return path error, tool speed, smallest singular value and clearance as rows of a table."""
+    off, facts = proof.path_error, []
+    if np.isfinite(off.distance):
+        facts.append(("path error", f"at most {1e3 * off.distance:.3g} mm and {off.angle:.3g} rad"))
+    facts.append(("tool speed", f"at most {proof.tool_speed.value:.3g} m/s"))
+    facts.append(("smallest singular value", f"{proof.singular_value:.3g}"))
+    if proof.clearance is not None and proof.clearance.kinds:
+        kinds = (f"{words} {kind.describe()}" for words, kind in proof.clearance.kinds.items())
+        facts.append(("clearance", "; ".join(kinds)))
+    return facts
 
 
 def _tool_lines(proof: Certificate) -> list[str]:
     """Return the lines on path error, tool speed and clearance."""
-    off, lines = proof.path_error, []
-    tool = f"tool speed at most {proof.tool_speed.value:.3g} m/s, smallest singular value {proof.singular_value:.3g}"
-    if np.isfinite(off.distance):
-        tool = f"path error at most {1e3 * off.distance:.3g} mm and {off.angle:.3g} rad, {tool}"
-    lines.append(tool)
-    if proof.clearance is not None and proof.clearance.kinds:
-        kinds = (f"{words} {kind.describe()}" for words, kind in proof.clearance.kinds.items())
-        lines.append(f"clearance {'; '.join(kinds)}")
-    return lines
+    facts = [f"{name} {words}" for name, words in tool_facts(proof)]
+    clear = [fact for fact in facts if fact.startswith("clearance")]
+    return [", ".join(fact for fact in facts if fact not in clear), *clear]
 
 
 def shorten(words: str, most: int = 300) -> str:

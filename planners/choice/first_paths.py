@@ -25,7 +25,7 @@ from planners.paths.base import Path
 from planners.paths.free_path import FreePath
 from planners.paths.goal import path_to, read_goal
 from planners.paths.point_to_point import PointToPoint
-from planners.search.base import Search, SearchResult, SearchStatus
+from planners.search.base import Search, SearchLike, SearchResult, SearchStatus
 from planners.search.find import find_path
 
 SPANS_PER_EDGE, FEWEST_SPANS = 2, 4
@@ -84,11 +84,11 @@ class SearchReport(NamedTuple):
     paths: int
 
 
-def check_avoid(value: Any) -> bool | str | os.PathLike[str] | Search:
+def check_avoid(value: Any) -> bool | SearchLike:
     """Return whether obstacles are avoided, or by which search."""
     if isinstance(value, bool | np.bool_):
         return bool(value)
-    if isinstance(value, str | os.PathLike | Search):
+    if isinstance(value, str | os.PathLike | Search) or (isinstance(value, type) and issubclass(value, Search)):
         return value
     searches = ", ".join(names("planners.search"))
     raise InvalidInput("avoid", repr(value)[:60], f"True, False, or a search: {searches}, a file, or a built one")
@@ -131,7 +131,7 @@ def advise_elbow(failure: PlanFailure | None, path: Path, robot: Robot) -> PlanF
 
 
 def find_first_paths(
-    path: PointToPoint, scene: Scene, search: str | os.PathLike[str] | Search, winding: str
+    path: PointToPoint, scene: Scene, search: SearchLike, winding: str
 ) -> Iterator[FirstPath]:  # fmt: skip
     """Yield first paths from the start of a path through its via points to its goal: of one search, then of others.
 

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import itertools
-import os
 from dataclasses import replace
 from typing import Any, ClassVar, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optik.registry import short_name
+from optik.registry import label, short_name
 from optik.scene import Scene
 from optik.types import Array
 from planners.choice.avoid import choose_around, find_guess
@@ -20,7 +19,7 @@ from planners.following.follow import FollowResult, PlanFailure
 from planners.paths.base import Path
 from planners.paths.free_path import FreePath
 from planners.paths.point_to_point import PointToPoint
-from planners.search.base import Search
+from planners.search.base import Search, SearchLike
 from planners.timing.optimal import Optimum
 
 ENOUGH_GAIN = 0.01
@@ -87,7 +86,7 @@ def choose_path(
 
 def choose_way(
     planner: PathPlanner[Q], path: FreePath | PointToPoint, followed: FollowResult, scene: Scene,
-    search: str | os.PathLike[str] | Search, winding: str, *, held: bool, optimal: bool,
+    search: SearchLike, winding: str, *, held: bool, optimal: bool,
 ) -> tuple[Q | PlanFailure, SearchReport]:  # fmt: skip
     """Return the fastest collision-free plan from the initial paths that are searched, or why there is no initial path."""
     samples, rounds, tried, plans, failure = 0, 0, 0, list[Q](), None
@@ -105,7 +104,7 @@ def choose_way(
         plans, rounds = [*plans, found], rounds + spent
         if found and (not optimal or _is_enough(plans)):
             break
-    made = SearchReport(search.name if isinstance(search, Search) else short_name(search), samples, rounds, tried)
+    made = SearchReport(label(search) if isinstance(search, Search) else short_name(search), samples, rounds, tried)
     if not plans:
         assert failure is not None
         return failure, made

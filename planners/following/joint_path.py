@@ -59,6 +59,9 @@ class JointPath(PiecewiseCurve):
 
     parameter = "s"
 
+    def __repr__(self) -> str:
+        return f"JointPath({self.end:.4g} {self.path.unit}, {self.robot.n} joints, {len(self.nodes)} nodes)"
+
     def __init__(
         self, robot: Robot, path: Path, knots: Array, q: Array, derivatives: Array, ik: IKRecord,
         nodes: Flags | None = None,

@@ -12,9 +12,8 @@ from numpy.typing import ArrayLike
 
 from optik.arm.plain import read_record
 from optik.arm.robot import Robot
-from optik.content import content
 from optik.errors import InvalidInput
-from optik.types import Array
+from optik.types import Array, content
 from planners.limits.base import Limit, ratio_to_limit, symmetric_bound
 from planners.limits.inputs import PathPoints, plain
 from planners.limits.kinds import (

@@ -102,6 +102,9 @@ class Path(Curve):
     in_joints = False
     name: ClassVar[str]
 
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.end:.4g} {self.unit})"
+
     @property
     def breaks(self) -> Array:
         """Values of s (k,) between which the path is smooth, both ends included; ``path(s, 3)`` is continuous there too."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass, replace
 from time import perf_counter
 
@@ -11,6 +10,7 @@ import numpy as np
 from optik.arm.robot import Robot
 from optik.errors import NoSolution
 from optik.ik.base import Tolerance
+from optik.registry import label
 from optik.scene import Scene
 from planners.certificate.analysis import MotionAnalysis
 from planners.certificate.certificate import Certificate
@@ -22,7 +22,7 @@ from planners.limits import MotionLimits
 from planners.motion import PlanStatus
 from planners.paths.base import Path
 from planners.planning.result import Plan, PlanSeconds
-from planners.search.base import Search
+from planners.search.base import SearchLike
 from planners.timing import TimeLaw
 from planners.timing.base import StopKind
 from planners.trajectory import Trajectory
@@ -64,7 +64,7 @@ class PlanRequest:
     start_error: tuple[float, float, float] | None = None
     stop_kind: StopKind | None = None
     allow: tuple[str, ...] = ()
-    avoid: bool | str | os.PathLike[str] | Search = False
+    avoid: bool | SearchLike = False
     winding: str = "exact"
     unreachable: NoSolution | None = None
 
@@ -81,14 +81,14 @@ class PlanRequest:
         """Certify the law's motion, slowed by a factor, and return its plan, which is solved if the certificate is valid."""
         started = perf_counter()
         proof = certify(
-            self.robot, self.path, trajectory, self.limits, law=self.law.name, enforced=self.enforced, rate=self.rate,
+            self.robot, self.path, trajectory, self.limits, law=label(self.law), enforced=self.enforced, rate=self.rate,
             tolerance=self.tolerance, span=self.span, scene=self.scene, before=self.before, analysis=analysis,
         )  # fmt: skip
         seconds = PlanSeconds(certificate=perf_counter() - started)
         status, failure = judge_certificate(proof, self.law.list_enforced(self.limits))
         return Plan(
-            self.robot, self.path, self.limits, status, self.solver, self.law.name, joints, failure, trajectory, proof, slowed,
-            self.span, self.law.speed, self.scene, seconds, self.before, self.start_error, self.stop_kind,
+            self.robot, self.path, self.limits, status, self.solver, label(self.law), joints, failure, trajectory, proof,
+            slowed, self.span, self.law.speed, self.scene, seconds, self.before, self.start_error, self.stop_kind,
         )  # fmt: skip
 
     def infeasible(
@@ -100,7 +100,7 @@ class PlanRequest:
     def fail(self, status: PlanStatus, joints: JointPath | None, failure: PlanFailure) -> Plan:
         """Return a plan without a motion; its joint path ends where following failed."""
         return Plan(
-            self.robot, self.path, self.limits, status, self.solver, self.law.name, joints, failure, None, None,
+            self.robot, self.path, self.limits, status, self.solver, label(self.law), joints, failure, None, None,
             scene=self.scene,
         )  # fmt: skip
 

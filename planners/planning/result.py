@@ -9,8 +9,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from optik.arm.robot import Robot
+from optik.card import Card
 from optik.scene import Scene
 from optik.types import Array
+from optik.view.page import Page, show_page
 from planners.certificate.certificate import Certificate, plan_summary
 from planners.certificate.violation import Allow
 from planners.choice.choose import FreedomResult
@@ -20,6 +22,8 @@ from planners.following.follow import JointPath, PlanFailure
 from planners.limits import MotionLimits
 from planners.limits.least_duration import compute_least_duration
 from planners.motion import Motion, PlanStatus
+from planners.motion.plot import motion_card, plot_motion
+from planners.motion.show import show_motion
 from planners.paths.base import Path
 from planners.timing.base import StopKind
 from planners.trajectory import Trajectory
@@ -33,7 +37,7 @@ class PlanSeconds(NamedTuple):
     certificate: float = 0.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Plan:
     """The result of `plan`. ``bool(plan)`` is success: there is a motion, and its certificate is valid.
 
@@ -100,12 +104,61 @@ class Plan:
     def __bool__(self) -> bool:
         return self.status is PlanStatus.SOLVED
 
+    def __repr__(self) -> str:
+        return str(self)
+
+    @property
+    def _title(self) -> str:
+        path = self.path
+        return f"{self.robot.name}, {type(path).__name__} of {path.end:.3g} {path.unit}, {self.solver} + {self.law}"
+
+    def _repr_html_(self) -> str:
+        """Return verdict, peaks and plots for a notebook."""
+        if self.has_motion:
+            return motion_card(self._title, self.motion, self.certificate).to_html()
+        assert self.failure is not None
+        why = self.failure
+        verdict = f"{self.status} at s = {why.s:.3g} {self.path.unit}{f', {why.joint}' if why.joint else ''}"
+        facts = (("reason", why.reason), ("try", why.advice))
+        return Card(title=self._title, verdict=verdict, good=False, facts=facts).to_html()
+
+    def plot(self) -> Any:
+        """Plot position, velocity, acceleration, jerk and torque over time against their limits.
+
+        Returns
+        -------
+        plotly.graph_objects.Figure
+            With the active constraint of every segment of the motion below.
+
+        Raises
+        ------
+        NoSolution
+            The plan failed: there is no motion.
+        MissingDependency
+            Plotly is not installed.
+        """
+        return plot_motion(self.motion, self.certificate)
+
+    def show(self) -> Page:
+        """Show the motion: in the cell of a notebook, else in the browser.
+
+        Returns
+        -------
+        Page
+            The page; ``save(file)`` writes it.
+
+        Raises
+        ------
+        NoSolution
+            The plan failed: there is no motion.
+        """
+        return show_page(show_motion(self))
+
     def __str__(self) -> str:
         path, why = self.path, self.failure
-        what = f"{self.robot.name}, {type(path).__name__} of {path.end:.3g} {path.unit}, {self.solver} + {self.law}"
         failure = None if why is None else (why.s, why.joint, why.reason, why.advice)
         summary = plan_summary(
-            f"{self.status}: {what}", path, failure, self._certificate, self.slowed, self.least_duration
+            f"{self.status}: {self._title}", path, failure, self._certificate, self.slowed, self.least_duration
         )
         return summary if self.freedom is None else f"{summary}\n{self.freedom}"
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import replace
 
 from numpy.typing import ArrayLike
@@ -19,7 +18,7 @@ from planners.replan.onward import plan_onward
 from planners.replan.request import build_request
 from planners.replan.state import build_moving_state
 from planners.replan.stop import plan_stop
-from planners.timing import TimeLaw
+from planners.timing import LawLike
 from planners.trajectory import Trajectory
 
 
@@ -27,7 +26,7 @@ def replan(
     plan: Plan,
     state: float | tuple[ArrayLike, ArrayLike, ArrayLike],
     *,
-    stop: bool = False, timing: str | os.PathLike[str] | TimeLaw | None = None,
+    stop: bool = False, timing: LawLike | None = None,
     limits: MotionLimits | None = None, time_limit: float = 0.02,
     tolerance: ToleranceLike = DEFAULT_TOLERANCE, rate: float = 1000.0, scene: Scene | None = None,
 ) -> Plan:  # fmt: skip

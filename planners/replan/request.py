@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import replace
 
 import numpy as np
@@ -18,7 +17,7 @@ from planners.motion.fit import check_statics, match_start
 from planners.planning.request import PlanRequest
 from planners.planning.result import Plan
 from planners.replan.state import MovingState
-from planners.timing import TimeLaw, law_for, laws
+from planners.timing import LawLike, TimeLaw, laws, make_law
 from planners.timing.base import PathState, StopKind, check_motion
 from planners.timing.optimal import Optimal
 from planners.trajectory import Trajectory
@@ -42,7 +41,7 @@ class RecordedLaw(TimeLaw):
 
 def build_request(
     plan: Plan,
-    timing: str | os.PathLike[str] | TimeLaw | None,
+    timing: LawLike | None,
     limits: MotionLimits | None,
     options: tuple[Tolerance, float, Scene | None],
 ) -> PlanRequest:
@@ -50,7 +49,7 @@ def build_request(
     tolerance, rate, scene = options
     scene = plan.scene if scene is None else scene
     check_scene(plan.robot, scene)
-    law = law_for(timing) if timing is not None else _own_law(plan)
+    law = make_law(timing) if timing is not None else _own_law(plan)
     allow: tuple[str, ...] = ()
     limits, enforced = plan.limits if limits is None else limits, plan.certificate.enforced
     if not isinstance(limits, MotionLimits):
@@ -66,7 +65,7 @@ def build_request(
 def _own_law(plan: Plan) -> TimeLaw:
     """Return the plan's own law if it can start from a moving state; else a record that enforces the same limits."""
     if plan.law in laws() and plan.speed is None:
-        law = law_for(plan.law)
+        law = make_law(plan.law)
         if type(law).run_from is not TimeLaw.run_from:
             return law
     return RecordedLaw(plan)

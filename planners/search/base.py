@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import os
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
-from typing import ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple, TypeAlias
 
 import numpy as np
 
 from optik.arm.robot import Robot
 from optik.check import check_count
 from optik.errors import InvalidInput
+from optik.registry import ClassName
 from optik.scene import Scene
 from optik.scene.contact import check_scene
 from optik.types import Array
@@ -226,7 +228,7 @@ class Search(ABC):
         Largest number of random configurations of one search.
     """
 
-    name: ClassVar[str]
+    name: ClassVar[str] = ClassName()  # type: ignore[assignment] # read as a str
     """Name of the search, the stem of its file."""
 
     def __init__(self, max_samples: int = 100_000) -> None:
@@ -256,5 +258,7 @@ class Search(ABC):
         """
 
 
+SearchLike: TypeAlias = str | os.PathLike[str] | type[Search] | Search
+"""A search: its name, file or class, or a search that is built."""
 METHOD_BASE = Search
 """Base class of the METHOD of every module here and of every plug-in."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from itertools import pairwise
 
 import numpy as np
@@ -18,7 +17,7 @@ from optik.scene.contact import find_contact
 from optik.types import Array
 from planners.paths.goal import check_winding, find_continuous
 from planners.search._goals import list_goals
-from planners.search.base import JointSpace, Search, SearchResult, SearchStatus, measure_length
+from planners.search.base import JointSpace, Search, SearchLike, SearchResult, SearchStatus, measure_length
 
 SAME_PATH = 0.05
 """Two paths are the same if points at equal fractions of their lengths differ by at most this distance [rad, m]."""
@@ -33,7 +32,7 @@ def find_path(
     q_start: ArrayLike,
     goal: ArrayLike,
     *,
-    scene: Scene, search: str | os.PathLike[str] | Search = "rrt_connect", seed: int = 0, max_samples: int | None = None,
+    scene: Scene, search: SearchLike = "rrt_connect", seed: int = 0, max_samples: int | None = None,
     shortcuts: int = 100, paths: int = 3, winding: str = "nearest",
 ) -> SearchResult:  # fmt: skip
     """Find joint paths that are proved to be collision-free, and shorten them.
@@ -51,7 +50,7 @@ def find_path(
         winding. For an arm of four joints, (4, 4) is a pose if its last row is 0, 0, 0, 1.
     scene : Scene
         Obstacles, and the margin to them; the arm's own links are checked too. An empty scene checks the links alone.
-    search : str or Search
+    search : str, path, type or Search
         Method by name, by the path of a file, or built.
     seed : int
         Key of the random numbers.
@@ -146,7 +145,7 @@ def _check_path(space: JointSpace, vertices: Array, start: Array, goals: Array, 
             )
 
 
-def _get_search(search: str | os.PathLike[str] | Search, max_samples: int | None) -> Search:
+def _get_search(search: SearchLike, max_samples: int | None) -> Search:
     """Return a built search."""
     if isinstance(search, Search):
         if max_samples is not None:

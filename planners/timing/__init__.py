@@ -1,5 +1,5 @@
 """Time laws: one module a law, found by its name; each turns a joint path and limits into a `Trajectory`."""
 
-from planners.timing.base import TimeLaw, law_for, laws, make_law
+from planners.timing.base import LawLike, TimeLaw, laws, make_law
 
-__all__ = ["TimeLaw", "law_for", "laws", "make_law"]
+__all__ = ["LawLike", "TimeLaw", "laws", "make_law"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from abc import ABC, abstractmethod
 from enum import StrEnum
-from typing import Any, ClassVar, NamedTuple, NoReturn, final
+from typing import Any, ClassVar, NamedTuple, NoReturn, TypeAlias, final
 
 import numpy as np
 import scipy
@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput, NoSolution
-from optik.registry import build_method, names
+from optik.registry import ClassName, build_method, names
 from optik.types import Array, Flags
 from planners.certificate.analysis import MotionAnalysis
 from planners.following.follow import JointPath
@@ -56,16 +56,6 @@ class PathState(NamedTuple):
     speed: float
     acceleration: float
     joints: tuple[Array, Array, Array] | None = None
-
-
-class ClassName:
-    """Default name of a class: the class's name in lower case.
-
-    It is not stored in the class, so that a class in a file can be given the name of its file.
-    """
-
-    def __get__(self, law: object, kind: type) -> str:
-        return kind.__name__.lower()
 
 
 class TimeLaw(ABC):
@@ -285,13 +275,17 @@ def laws() -> tuple[str, ...]:
     return names("planners.timing")
 
 
-def make_law(law: str | os.PathLike[str], **options: Any) -> TimeLaw:
-    """Build a time law by its name, or from a file that is given as a path.
+LawLike: TypeAlias = str | os.PathLike[str] | type[TimeLaw] | TimeLaw
+"""A time law: its name, file or class, or a law that is built."""
+
+
+def make_law(law: LawLike, **options: Any) -> TimeLaw:
+    """Build a time law by its name, from a file or from a class; return a law that is built already.
 
     Parameters
     ----------
-    law : str or path
-        A name from `laws`, or a Python file such as ``"./law.py"``, which is run.
+    law : str, path, type or TimeLaw
+        A name from `laws`, a Python file such as ``"./law.py"``, which is run, a class, or a law.
     **options
         Options of the law.
 
@@ -308,30 +302,11 @@ def make_law(law: str | os.PathLike[str], **options: Any) -> TimeLaw:
         An option that the law does not have, or out of range; a file that is no law, or whose
         ``enforced`` is no tuple of names of limits.
     """
-    return check_law(build_method("planners.timing", law, "time law", **options))
-
-
-def law_for(timing: str | os.PathLike[str] | TimeLaw) -> TimeLaw:
-    """Return a time law that is given by name, as a file or built.
-
-    Parameters
-    ----------
-    timing : str, path or TimeLaw
-        What `make_law` takes, or a law.
-
-    Returns
-    -------
-    TimeLaw
-        The law.
-
-    Raises
-    ------
-    UnknownName
-        No such law; the nearest names are offered.
-    InvalidInput
-        No law, a file that is no law, or a law whose ``enforced`` is no tuple of names of limits.
-    """
-    return make_law(timing) if isinstance(timing, str | os.PathLike) else check_law(timing)
+    if isinstance(law, str | os.PathLike | type):
+        return check_law(build_method("planners.timing", law, "time law", **options))
+    if options:
+        raise InvalidInput("options", ", ".join(options), "none for a law that is built")
+    return check_law(law)
 
 
 def check_motion(law: TimeLaw, motion: object, robot: Robot) -> Trajectory:

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy
 
+from optik.card import MOST_POINTS, Card, Plot
 from optik.check import check_number
 from optik.errors import InvalidInput
 from optik.types import Array
@@ -70,6 +71,19 @@ class Trajectory(PiecewiseCurve):
             raise InvalidInput("s", f"an array of shape {np.shape(s)}", f"one for each knot: {polynomial.x.shape}")
         self._set_polynomial(polynomial)
         self.s = s
+
+    def __repr__(self) -> str:
+        degree, pieces, n = (int(size) for size in np.shape(self._c))
+        return f"Trajectory({self.duration:.4g} s, {n} joints, {pieces} pieces of degree {degree - 1})"
+
+    def _repr_html_(self) -> str:
+        """Return plots of positions and velocities for a notebook."""
+        return Card(title=repr(self), plots=[self._plot(0, "q [rad, m]"), self._plot(1, "q̇ [rad/s, m/s]")]).to_html()
+
+    def _plot(self, order: int, title: str) -> Plot:
+        """Return a small plot of a derivative of all joints."""
+        t = np.linspace(0.0, self.duration, MOST_POINTS)
+        return Plot(title, t, np.asarray(self(t, order)))
 
     @property
     def end(self) -> float:

@@ -442,7 +442,7 @@ LISTED: tuple[tuple[str, str, str], ...] = (
     ("planners/certificate/certification.py", "covered = Coverage(0.0", "covered = Coverage(1.0"),
     ("planners/certificate/certification.py", "tolerance.position / ENOUGH", "tolerance.position * ENOUGH"),
     ("planners/certificate/path_error.py", ">= 0.0).all(axis=0)", ">= 0.0).any(axis=0)"),
-    ("planners/certificate/certificate.py", "key=lambda name: -found", "key=lambda name: found"),
+    ("planners/certificate/certificate.py", "bar.ratio >= least[-1]", "bar.ratio <= least[-1]"),
     ("planners/certificate/path_bounds.py", "w = -(c2 + np", "w = -(c2 - np"),
     ("planners/certificate/path_bounds.py", "(2, 6)), np.empty(6), np.empty(6)", "(2, 6)), np.empty(6), np.empty(5)"),
     ("planners/paths/free_path.py", "BREAK_APART * self.end", "BREAK_APART / self.end"),

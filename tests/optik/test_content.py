@@ -5,9 +5,9 @@ import pytest
 
 import optik
 from optik import IKResult, IKStatus
-from optik.content import content
 from optik.ik import IKBatch, get_solver
 from optik.ik.closed_form import Branches
+from optik.types import content
 from planners import MotionLimits
 
 PANDA = optik.load("panda")

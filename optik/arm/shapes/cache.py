@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 
 from optik.arm.shapes.enclosure import Capsule
-from optik.content import content
 from optik.errors import OutputError
 from optik.file_io import write_atomically
+from optik.types import content
 
 MOST_FILES = 2000
 """Most cached enclosures, of a few hundred bytes each: beyond it, the older half is deleted."""

@@ -12,11 +12,11 @@ import numpy as np
 
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
+from optik.registry import ClassName
 from optik.types import Array
 from planners.cell.drives.setpoints import Setpoints
 from planners.certificate.violation import Allow
 from planners.plan import Plan
-from planners.timing.base import ClassName
 from planners.trajectory import Trajectory
 
 
