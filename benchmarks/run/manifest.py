@@ -16,6 +16,7 @@ from benchmarks.provenance import provenance
 from benchmarks.records import FORMAT, LEDGER, LOCK, MANIFEST, RunFolder
 from benchmarks.suite import Suite
 from optik.errors import OutputError
+from optik.plugins.files import expected
 from optik.plugins.usage import check_same_plugins, record_plugins
 
 if sys.platform == "win32":
@@ -193,10 +194,10 @@ def _with_session(sessions: list[dict[str, Any]], now: dict[str, Any]) -> list[d
 
 @contextmanager
 def begun(folder: RunFolder, manifest: dict[str, Any]) -> Iterator[Lock]:
-    """Lock a folder, and begin or resume a run in it; remove a new run that fails before its first other file."""
+    """Lock a folder and begin or resume a run in it, with its plug-ins; remove a run that fails before its first other file."""
     existed, fresh = folder.path.exists(), _is_empty(folder)
     try:
-        with locked(folder.path) as lock:
+        with locked(folder.path) as lock, expected(manifest["plugins"]):
             try:
                 _begin(folder, manifest)
                 yield lock

@@ -22,7 +22,6 @@ from benchmarks.suite import Suite, suite_of
 from optik.arm.library import load
 from optik.check import check_count, check_number
 from optik.errors import InvalidInput, OptikError
-from optik.plugins.files import expected
 from optik.plugins.usage import check_allowed
 from optik.registry import own_names, short_name
 
@@ -96,11 +95,7 @@ def run_suite(
     folder, manifest = RunFolder(out), new_manifest(suite, workers, command)
     resumed(folder, manifest)
     recorded = manifest["plugins"]
-    with (
-        closing(_pool(workers, executor, dask, part_timeout, recorded)) as pool,
-        begun(folder, manifest) as lock,
-        expected(recorded),
-    ):
+    with closing(_pool(workers, executor, dask, part_timeout, recorded)) as pool, begun(folder, manifest) as lock:
         run = _Run(suite, folder, lock, recorded, progress or (lambda done, total, what: None))
         with compiled_aside(suite) if isinstance(pool, Processes) else nullcontext():
             run.prepare()
