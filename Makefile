@@ -25,7 +25,7 @@ soak: $(VENV)/.dev
 NEWEST := $(shell for v in 14 13 12 11; do python3.$$v -c '' 2>/dev/null && echo python3.$$v && break; done)
 newest: $(VENV)/.dev
 	$(NEWEST) -m venv .venv-newest
-	for extra in tests closed-form ros figures distributed shapes sim view ros2 peers; do \
+	for extra in tests closed-form ros figures distributed shapes sim robots ros2 peers; do \
 	  .venv-newest/bin/python -m pip install --quiet --only-binary=:all: -e ".[$$extra]" || echo "skipped: pip cannot install $$extra for $(NEWEST)"; \
 	done
 	.venv-newest/bin/python -m pytest -n auto --dist loadfile --durations=40

@@ -16,7 +16,7 @@ from rich.table import Column, Table
 from benchmarks.cli.command import JsonCommand, RobotCommand, argument, load_or_error, option, out_console, print_json
 from optik.errors import InvalidInput, OutputError
 from optik.file_io import check_suffix
-from optik.plugins.files import is_path, split_links
+from optik.plugins.files import CODE, is_path, split_links
 from optik.plugins.usage import record_plugins
 
 if TYPE_CHECKING:
@@ -123,7 +123,7 @@ class NewCommand(RobotCommand):
         """Return the robot's name in the suite: a path relative to the suite's folder, with the links of a URDF."""
         path, links = split_links(self.robot)
         gravity = self.gravity and ",".join(self.gravity.replace(",", " ").split())
-        if gravity and not path.lower().endswith((".urdf", ".xml")):
+        if gravity and not path.lower().endswith((".urdf", ".xml", ".xacro")):
             raise InvalidInput(
                 "--gravity", f"{gravity} for {path}, which is no URDF", "the gravity of the robot's file"
             )
@@ -180,7 +180,7 @@ class CheckCommand(JsonCommand):
 
         suite = load_suite(self.suite)
         rows = record_plugins(suite.plugins)
-        code = any(str(row.get("path", "")).endswith(".py") for row in rows)
+        code = any(str(row.get("path", "")).endswith(CODE) for row in rows)
         keys = explain(suite, data_file(SUITES, self.suite, "suite").parent)
         for kind, block in () if code else suite.pairs():
             kind.prepare(block, suite.seed)  # what only trying shows

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import MISSING, dataclass, field, fields
 from inspect import Parameter, Signature
 from itertools import cycle, islice, takewhile
@@ -19,7 +19,8 @@ from typer.core import TyperCommand
 import optik
 from optik.arm.model import unit_factors, unit_names
 from optik.arm.tips import TIP_ADVICE
-from optik.errors import InvalidInput
+from optik.errors import InvalidInput, RobotModelError
+from optik.plugins.files import is_path
 from optik.registry import names, short_name
 
 out_console, err_console = (Console(stderr=error, markup=False, highlight=False) for error in (False, True))
@@ -71,6 +72,11 @@ def numbers(panel: str, help: str, default: Any = None) -> Any:
 def argument(metavar: str, help: str) -> Any:
     """Return a field of a command that is an argument."""
     return field(metadata={"typer": typer.Argument(metavar=metavar, help=help)})
+
+
+def optional(metavar: str, help: str) -> Any:
+    """Return a field of a command that is an argument which may be left out."""
+    return field(default=None, metadata={"typer": typer.Argument(metavar=metavar, help=help)})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -164,8 +170,10 @@ class RobotCommand(JsonCommand):
     """A command on a robot."""
 
     robot: str = option(
-        "Robot", "A name from `optik robots`, or a file: .urdf, .toml, .json or .py.", "paper6r", "--robot", "-r"
-    )
+        "Robot",
+        "A name from `optik robots`, a file (.urdf, .xacro, .toml, .json or .py), or robot_descriptions:NAME_description.",
+        "paper6r", "--robot", "-r",
+    )  # fmt: skip
     tip: str | None = option(
         "Robot",
         "Tool link of a URDF; by default the end of its longest chain, before a hand. Required for several arms.",
@@ -200,11 +208,12 @@ class RobotCommand(JsonCommand):
 
 
 class Start(NamedTuple):
-    """A robot, its start configuration, and a sentence on it if it is the default."""
+    """A robot, its start configuration, a sentence on it if it is the default, and whether it is a random one."""
 
     arm: optik.Robot
     q: Any
     words: str
+    is_random: bool = False
 
     def print_default(self) -> None:
         """Print the default start on the error stream, which keeps the output stream for programs."""
@@ -233,7 +242,7 @@ class StartCommand(RobotCommand):
         home, factors = read_home(self.robot), unit_factors(arm)
         q = sample_start(arm) if home is None else home / factors
         why = "a sample, because it has no home_deg" if home is None else "its home_deg"
-        return Start(arm, q, f"start of {arm.name}, {why}: --start-deg {format_numbers(q * factors)}")
+        return Start(arm, q, f"start of {arm.name}, {why}: --start-deg {format_numbers(q * factors)}", home is None)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -277,10 +286,31 @@ class MotionCommand(LimitsCommand, StartCommand):
         from planners import MotionLimits
 
         limits = MotionLimits.of(arm, **self.read_typed_limits(arm))
-        for name in law.list_missing(limits, arm):
-            expected, advice = f"a limit for {short_name(self.timing)}", f"for example --{name} {LIMIT_EXAMPLES[name]}"
-            raise InvalidInput(f"--{name}", f"none, and {arm.name} has none of its own", expected, advice=advice)
+        if missing := law.list_missing(limits, arm):
+            named, example = (join_options(missing, values) for values in (False, True))
+            got, expected = f"none, and {arm.name} has none of its own", f"limits for {short_name(self.timing)}"
+            raise InvalidInput(named, got, expected, advice=f"for example {example}")
         return limits
+
+    def load_start(self) -> Start:
+        """Load the robot and its start; if its tip must be named, name the limits that no URDF has, too."""
+        try:
+            return super().load_start()
+        except RobotModelError as error:
+            untyped = [name for name in ("acceleration", "jerk") if getattr(self, name) is None]
+            if "tip" in str(error) and untyped and not is_path(self.timing):
+                limits = f"; a URDF has no limits on {' and '.join(untyped)}: add {join_options(untyped, True)}"
+                error.args = (f"{error}{limits}",)
+            raise
+
+
+def join_options(limits: Sequence[str], with_values: bool) -> str:
+    """Return limits as options, with values as examples or without."""
+    return (
+        " ".join(f"--{name} {LIMIT_EXAMPLES[name]}" for name in limits)
+        if with_values
+        else ", ".join(f"--{name}" for name in limits)
+    )
 
 
 # ---------------------------------------------------------------- readers

@@ -16,7 +16,7 @@ from benchmarks.blocks.timing.settings import LawBlock
 from benchmarks.settings import NAMED_KEYS, Entries, Settings, naming
 from benchmarks.suite import OWN_KEYS, Suite
 from optik.errors import InvalidInput, OptikError
-from optik.plugins.files import is_path
+from optik.plugins.files import CODE, is_path
 from optik.plugins.options import NO_DEFAULT, ParameterDoc, defaults, find_nearest_name, read_parameter_docs
 from optik.plugins.usage import collect_plugins
 from optik.registry import load_method
@@ -114,7 +114,7 @@ def _shown(value: Any) -> str:
 
 def _code(name: Any) -> bool:
     """Say whether a name is a Python file, which checking does not run."""
-    return is_path(name) and str(name).lower().endswith(".py")
+    return is_path(name) and str(name).lower().endswith(CODE)
 
 
 def _options(group: str, word: str, name: Any, given: dict[str, Any], at: str) -> Iterator[Explained]:

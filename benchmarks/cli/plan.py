@@ -76,7 +76,7 @@ class SceneCommand(RobotCommand):
             return None
         if arm.shapes is None:
             advice = ""
-            if split_links(self.robot)[0].lower().endswith((".urdf", ".xml")):
+            if split_links(self.robot)[0].lower().endswith((".urdf", ".xml", ".xacro")):
                 typed = f"--robot '{self.robot}{'&' if '#' in self.robot else '#'}shapes=yes'"
                 advice = f"to read its <collision> elements: {typed} (for package:// meshes: --package-dir FOLDER)"
             came = f"{self.scene} for {arm.name}, which has no shapes"
@@ -96,8 +96,8 @@ class PlanCommand(MotionCommand, SceneCommand):
     samples: int = option("Method", "Number of samples of the path for inverse kinematics.", 151)
     branch: str | None = option(
         "Method",
-        "start: the branch of the start configuration (default); best: the best branch for the whole path (default if the "
-        "start configuration is not on the path).",
+        "start: the branch of the start configuration (default); best: the best branch for the whole path (default if no "
+        "start is typed and the robot has no home, or if the start is not on the path).",
     )
     duration: float | None = option("Method", "Duration of the motion [s]; by default the shortest.")
     strict: bool = option("Method", "Fail instead of stretching the duration to meet the limits.", False, "--strict")
@@ -181,7 +181,7 @@ class PlanCommand(MotionCommand, SceneCommand):
         name = name or self.robot
         if self.package_dir is not None:
             path, links = split_links(name)
-            if not is_path(name) or not path.lower().endswith((".urdf", ".xml")):
+            if not is_path(name) or not path.lower().endswith((".urdf", ".xml", ".xacro")):
                 raise InvalidInput("--package-dir", f"{name}, which is not a URDF", "a robot from a URDF")
             name = f"{path}#{links}{'&' if links else ''}packages={self.package_dir}"
         arm, payload = super().load(name), self.payload
@@ -232,13 +232,15 @@ class PlanCommand(MotionCommand, SceneCommand):
 
 
 def choose_branch(start: Start, path: Any) -> str:
-    """Return the default of ``--branch``: the start's branch, or the best branch if the path begins elsewhere."""
+    """Return the default of ``--branch``: the start's branch, or the best one if the path begins elsewhere or anywhere."""
     from planners.following.follow import START_TOLERANCE
 
     if start.q is None:  # the path has its own
         return "best"
     if isinstance(path, np.ndarray):
         return "start"
+    if start.is_random:
+        return "best"
     return "start" if np.abs(start.arm.pose_errors(start.q, path.pose(0.0))).max() <= START_TOLERANCE else "best"
 
 

@@ -20,6 +20,7 @@ from benchmarks.cli.command import (
     load_or_error,
     numbers,
     option,
+    optional,
     out_console,
     print_json,
     read_joint_values,
@@ -39,10 +40,21 @@ TASKS = ("pose", "position", "rotation", "axis_x", "axis_y", "axis_z")
 
 @dataclass(frozen=True, kw_only=True)
 class RobotsCommand(JsonCommand):
-    """List the robots of optik and of installed packages, with the error of each that cannot be loaded."""
+    """List the robots of optik and of installed packages, with the error of each that cannot be loaded; or show one."""
+
+    name: str | None = optional(
+        "[ROBOT]", "A robot to show: a name, or a file with its options, './arm.urdf#tip=tool0'."
+    )
 
     def run(self) -> None:
-        """Print the robots."""
+        """Print the robots, or one of them."""
+        if self.name is not None:
+            arm = optik.load(self.name)
+            if self.as_json:
+                print_json(arm.to_dict())
+            else:
+                out_console.print(str(arm), soft_wrap=True)
+            return
         found = {name: load_or_error(optik.load, name) for name in optik.robots()}
         if self.as_json:
             print_json([_robot_row(name, robot) for name, robot in found.items()])

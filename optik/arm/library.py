@@ -73,6 +73,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optik import se3
+from optik.arm.foreign import PREFIX, expand_xacro, find_description
 from optik.arm.inertia import STANDARD_GRAVITY, Inertia
 from optik.arm.limits import DYNAMIC_LIMITS, JointLimits, warn_of_degrees
 from optik.arm.model import DHRow
@@ -89,12 +90,17 @@ from optik.types import Array
 
 ROBOTS = "optik.robots"
 """Name of the group of robots."""
-URDF = (".urdf", ".xml")
-"""Suffixes of URDF files."""
+URDF = (".urdf", ".xml", ".xacro")
+"""Suffixes of URDF files, and of xacro files, which are expanded."""
 RADIANS_PER_DEGREE = pi / 180.0
 """Factor from the degrees of data sheets to radians."""
 URDF_OPTIONS = {"tip", "base", "gravity", "shapes", "packages", "srdf", "without_shape"}
 """Options that may follow the path of a URDF."""
+URDF_SYNTAX = (
+    "options of a URDF, joined by &: tip=LINK, base=LINK, gravity=X,Y,Z, shapes=yes, packages=FOLDER, srdf=FILE, "
+    "without_shape=LINK"
+)
+"""Syntax of these options, for messages."""
 MOST_TOML_BYTES = 2**20
 """Largest file that is read [bytes]: a thousand times that of an arm of seven joints."""
 CONVENTIONS = {"mdh": Robot.from_mdh, "dh": Robot.from_dh}
@@ -126,11 +132,12 @@ def load(
     Parameters
     ----------
     name : str or path
-        A name from `optik.robots()`; or the path of a TOML file as those in ``optik/robots``, of a URDF, of a JSON file of
+        A name from `optik.robots()`; ``"robot_descriptions:panda_description"``, which that package downloads; or the path
+        of a TOML file as those in ``optik/robots``, of a URDF, of a xacro file (its expressions are run), of a JSON file of
         `Robot.to_dict`, or of a Python file whose ``METHOD`` is a robot or returns one (it is run). Options of a URDF can
-        follow its path: ``"./arm.urdf#tip=tool0&base=base_link&gravity=0,0,-1"``, and ``shapes=yes`` to read its
-        <collision> elements, with ``packages=FOLDER`` for a folder of packages, ``srdf=FILE`` and
-        ``without_shape=LINK,LINK``.
+        follow its path: ``"./arm.urdf#tip=tool0&base=base_link&gravity=0,0,-1"``, ``shapes=yes`` to read its <collision>
+        elements, with ``packages=FOLDER`` for a folder of packages, ``srdf=FILE``, ``without_shape=LINK,LINK``, and
+        arguments of xacro.
     tip, base, values, without_shape : str, str, mapping of str to float, and sequence of str, optional
         For a URDF, as in `Robot.from_urdf`; ``without_shape`` implies that shapes are read.
     gravity : (3,) array, optional
@@ -149,8 +156,9 @@ def load(
     RobotModelError
         As `Robot.from_urdf`.
     """
-    path, links = split_links(os.fspath(name)) if is_path(name) else ("", "")
-    urdf = Path(path).suffix.lower() in URDF
+    foreign = str(name).startswith(PREFIX)
+    path, links = split_links(os.fspath(name)) if foreign or is_path(name) else ("", "")
+    urdf = foreign or Path(path).suffix.lower() in URDF
     if gravity is not None and not urdf:
         return load(name, tip=tip, base=base, values=values, without_shape=without_shape).with_gravity(gravity)
     options = {"tip": tip, "base": base, "values": values, "gravity": gravity, "without_shape": without_shape}
@@ -169,13 +177,12 @@ def load(
 
 def _from_file(path: str, links: dict[str, Any], name: str | None = None) -> Robot:
     """Read a robot from a file; a TOML file contains no name, so it takes the given one or its stem."""
+    if path.startswith(PREFIX):
+        made = find_description(path)
+        return _from_urdf(made.file, links, made.arguments, made.packages)
     suffix, file = Path(path).suffix.lower(), resolve_file(path, "robot")
     if suffix in URDF:
-        try:
-            return Robot.from_urdf(file, **_urdf_options(links))
-        except InvalidInput as error:
-            where = f"robot {path!r}" if error.argument == "source" else error.argument
-            raise InvalidInput(where, error.got, error.expected, advice=error.advice) from None
+        return _from_urdf(file, links)
     if links:
         raise InvalidInput(", ".join(links), ", ".join(map(str, links.values())), f"none: {path!r} is no URDF file")
     if suffix == ".py":
@@ -188,16 +195,34 @@ def _from_file(path: str, links: dict[str, Any], name: str | None = None) -> Rob
                 raise
             raise InvalidInput(f"robot {path!r}", str(error)[:120], "JSON of Robot.to_dict()") from None
     if suffix != ".toml":
-        raise InvalidInput("robot", repr(path), "a file that ends in .toml, .urdf, .json or .py")
+        raise InvalidInput("robot", repr(path), "a file that ends in .toml, .urdf, .xacro, .json or .py")
     return robot_from_toml(file, name)
 
 
+def _from_urdf(
+    file: Path, links: dict[str, Any], arguments: Mapping[str, str] | None = None, folders: Sequence[str] = ()
+) -> Robot:
+    """Read a robot from a URDF or a xacro file, with arguments for xacro and folders of its packages."""
+    options = _urdf_options({key: value for key, value in links.items() if key in (*URDF_OPTIONS, "values")})
+    others = {key: value for key, value in links.items() if key not in (*URDF_OPTIONS, "values")}
+    packages = [*folders, *options.pop("package_dirs", ())]
+    source: str | Path = file
+    if file.suffix.lower() == ".xacro":
+        source = expand_xacro(file, {**(arguments or {}), **others}, packages)
+    elif others:
+        raise InvalidInput("robot", "&".join(f"{key}={value}" for key, value in others.items()), URDF_SYNTAX)
+    try:
+        return Robot.from_urdf(source, package_dirs=packages if packages and options["shapes"] else None, **options)
+    except InvalidInput as error:
+        where = f"robot {str(file)!r}" if error.argument == "source" else error.argument
+        raise InvalidInput(where, error.got, error.expected, advice=error.advice) from None
+
+
 def _parse_urdf_options(text: str) -> dict[str, str]:
-    """Parse the options behind a URDF's path, ``tip=tool0&base=base_link``."""
+    """Parse the options behind a URDF's path, ``tip=tool0&base=base_link``; others are arguments of xacro."""
     links = dict(part.partition("=")[::2] for part in text.split("&")) if text else {}
-    if not set(links) <= URDF_OPTIONS or not all(links.values()) or links.get("shapes", "yes") not in ("yes", "no"):
-        expected = "tip=LINK, base=LINK, gravity=X,Y,Z, shapes=yes, packages=FOLDER, srdf=FILE, without_shape=LINK"
-        raise InvalidInput("robot", repr(text), f"options of a URDF, joined by &: {expected}")
+    if not all(links) or not all(links.values()) or links.get("shapes", "yes") not in ("yes", "no"):
+        raise InvalidInput("robot", repr(text), URDF_SYNTAX)
     return links
 
 

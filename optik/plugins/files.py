@@ -29,11 +29,13 @@ from typing import Any
 from optik.errors import AssumptionWarning, InvalidInput, OptikError
 from optik.file_io import read_bytes
 
-SUFFIXES = (".py", ".toml", ".urdf", ".xml", ".json")
+SUFFIXES = (".py", ".toml", ".urdf", ".xml", ".xacro", ".json")
 """Suffixes of plug-ins' files; a name with one of them is a path."""
+CODE = (".py", ".xacro")
+"""Suffixes of files that are run: a xacro file has expressions."""
 MODULES = "optik_plugin_"
 """Begin of the names of the modules of files."""
-_FRAGMENT = re.compile(r"(.*\.(?:urdf|xml))#(.*)", re.IGNORECASE | re.DOTALL)
+_FRAGMENT = re.compile(r"(.*\.(?:urdf|xml|xacro)|robot_descriptions:\w+)#(.*)", re.IGNORECASE | re.DOTALL)
 """A URDF file with options behind it: ``arm.urdf#tip=tool0&base=base_link``."""
 _importing = threading.RLock()
 """Lock of imports: no thread may get the module of a file that another thread is running."""
@@ -131,8 +133,7 @@ def import_file(file: Path) -> ModuleType:
 
 def exec_module(file: Path, name: str) -> ModuleType:
     """Run exactly the bytes of a file's SHA-256, without a bytecode cache, as the module of a name."""
-    if _code_forbidden.get():
-        raise InvalidInput(str(file), "a Python file", "none, because reading a run or a plan runs no code")
+    check_code_allowed(file)
     sources = _read_with_neighbours(file)
     found = _digest(sources)
     _check_expected(file, found)
@@ -191,11 +192,17 @@ def forbid_code() -> Iterator[None]:
         _code_forbidden.reset(token)
 
 
+def check_code_allowed(file: Path) -> None:
+    """Raise InvalidInput for a file that is run where none may be."""
+    if _code_forbidden.get():
+        raise InvalidInput(str(file), "a file that is run", "none, because reading a run or a plan runs no code")
+
+
 def expect(recorded: Iterable[Mapping[str, str]]) -> None:
     """Check that Python files have the recorded SHA-256, now and whenever this process imports them."""
     for row in recorded:
         file = Path(row.get("path", ""))
-        if file.suffix.lower() == ".py":
+        if file.suffix.lower() in CODE:
             _expected[str(file)] = row["sha256"]
             _check_expected(file, digest(file))
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from optik.errors import InvalidInput
-from optik.plugins.files import SUFFIXES, digest, split_links
+from optik.plugins.files import CODE, SUFFIXES, digest, split_links
 
 
 class UsedPlugin(NamedTuple):
@@ -104,9 +104,9 @@ def in_finished_run() -> bool:
 
 
 def check_allowed(used: Iterable[UsedPlugin], allowed: bool) -> None:
-    """Raise InvalidInput for Python files in a suite unless they are allowed."""
+    """Raise InvalidInput for files that are run in a suite unless they are allowed."""
     sources = {source for *_, source in used if isinstance(source, Path)}
-    files = sorted(str(source) for source in sources if source.suffix.lower() == ".py")
+    files = sorted(str(source) for source in sources if source.suffix.lower() in CODE)
     if files and not allowed:
         expected = "--allow-plugins (allow_plugins=True): the suite runs Python code from these files"
         raise InvalidInput("suite", f"the plug-ins {', '.join(files)}", expected)
