@@ -124,7 +124,7 @@ def draw(block: ClearanceBlock, arm: Robot, scene: Scene, seed: int, number: int
             break
     else:
         raise InvalidInput(
-            "scene", f"{block.scene}: no collision-free configuration of {arm.name} in {MOST_END_DRAWS:,} samples", "free space"
+            "scene", f"{block.scene}: none of {MOST_END_DRAWS:,} samples of {arm.name} is collision-free", "free space"
         )
     way = np.abs(ends[1] - ends[0])
     speed = USUAL_SPEED if arm.limits.velocity is None else arm.limits.velocity

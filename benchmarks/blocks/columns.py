@@ -37,8 +37,8 @@ class Column:
     """``more`` or ``less``, where one value is better than another; else empty."""
     show: str = "number"
     """``number`` (three digits), ``precise`` (four), ``exact`` (seven), ``limit`` (a value over its limit: above 1 with
-    enough digits to differ from 1), ``p`` (a p-value), ``count``, ``share`` (a percentage), ``text``, ``verdict`` (met or missed), or
-    ``mixed``: what the row's ``show`` says, else a percentage where its ``unit`` is %, else a number."""
+    enough digits to differ from 1), ``p`` (a p-value), ``count``, ``share`` (a percentage), ``text``, ``verdict`` (met or
+    missed), or ``mixed``: what the row's ``show`` says, else a percentage where its ``unit`` is %, else a number."""
     aside: bool = False
     """Whether the page shows it only on request: for columns that few readers ask for."""
     among: str = ""

@@ -24,8 +24,8 @@ TIME_TICKS = (0.1, 0.3, 1, 3, 10, 30, 100, 300)
 HOW = (
     "Motions are straight in joint space, one quintic from rest to rest, between two collision-free configurations. The "
     "certificate is for every instant. Sampling is Pinocchio's computeCollisions with coal at configurations equally spaced in "
-    "joint space or in time, up to the first contact. Both examine the same pairs of the same shapes. The truth is a contact if coal finds "
-    "one at some sample, or confirms the one of the certificate at its instant."
+    "joint space or in time, up to the first contact. Both examine the same pairs of the same shapes. The truth is a contact "
+    "if coal finds one at some sample, or confirms the one of the certificate at its instant."
 )
 """Description of the judged motions and of the methods."""
 

@@ -27,15 +27,15 @@ REQUIRED_ROOM, FURTHER_ROOM = 2e-3, 3e-3
 SPARE_SLOTS = 4
 """Pairs at each grid point that may be limited besides, when they come near."""
 OF_INITIAL, MORE_OF_INITIAL = 0.5, 0.9
-"""Largest fractions of the initial path's clearance that a limit requires, so that the initial path meets it: `OF_INITIAL` at first,
-`MORE_OF_INITIAL` if the motion comes too near in spite of it. After that there is no such bound."""
+"""Largest fractions of the initial path's clearance that a limit requires, so that the initial path meets it: `OF_INITIAL` at
+first, `MORE_OF_INITIAL` if the motion comes too near in spite of it. After that there is no such bound."""
 EXAMINED_BETWEEN = 4
 """Configurations in each interval that are examined before a motion is certified."""
 TOUCHING_ROOM = 2e-5
 """Clearance [m] below which a pair is limited in the next round."""
 PUSHES, PUSH_ROOM, PUSH_DAMPING, LONGEST_PUSH = 60, 5e-3, 1e-3, 0.1
-"""An initial path is moved out of contact in at most `PUSHES` steps, until the clearance is `PUSH_ROOM` [m]. `PUSH_DAMPING` is a
-fraction of the largest curvature, `LONGEST_PUSH` the longest step of a coefficient [rad, m]."""
+"""An initial path is moved out of contact in at most `PUSHES` steps, until the clearance is `PUSH_ROOM` [m]. `PUSH_DAMPING` is
+a fraction of the largest curvature, `LONGEST_PUSH` the longest step of a coefficient [rad, m]."""
 ENOUGH_GUESSES = 3
 """Initial guesses after which none is tried once a motion is found."""
 UNKNOWN = (np.inf, np.nan, OF_INITIAL)

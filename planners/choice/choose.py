@@ -26,8 +26,8 @@ from planners.timing.optimal import Optimum
 from planners.trajectory import Trajectory
 
 WORTHLESS = 1e-4
-"""Least relative decrease of the duration per radian or metre of its coordinates, predicted by the gradient, for which a freedom
-is used."""
+"""Least relative decrease of the duration per radian or metre of its coordinates, predicted by the gradient, for which a
+freedom is used."""
 LEAST_GAIN = 1e-4
 """Least fraction by which a chosen path must shorten the motion to be used."""
 FURTHER_TURNS = tuple(np.radians((135.0, -135.0, 180.0, 90.0, -90.0, 45.0, -45.0)))
@@ -61,7 +61,7 @@ class FreedomResult:
     outcome : str
         In words: chosen, or why the initial path was kept.
     ranges : tuple of CoordinateRange
-        Allowed and reached range of each coordinate; the reached range is proved by the convex hull of the spline's coefficients.
+        Allowed and reached range of each coordinate. The convex hull of the spline's coefficients proves the reached range.
     s, values : (k,) and (k, d) arrays
         Path parameters [m, or rad], and what each of the ranges bounds there; the joints of a path in joint space [rad, m].
     gradient : float

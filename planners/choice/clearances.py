@@ -40,10 +40,10 @@ NO_DIRECTION = 1e-12
 class NearPairs:
     """The pairs of shapes with little clearance at each of some configurations, from one step of them to the next.
 
-    The clearance, here called room, is the distance minus the required margin. A lower bound on each room is known from the last time, or else from the configuration before, and how far the ends of each
-    capsule have moved since. A room is computed where this bound, and one from a sphere around the capsule, do not suffice. A
-    block of pairs of one capsule with objects is skipped if its least bound suffices; the pairs of two links are skipped if
-    spheres around the links are far apart.
+    The clearance, called room in the code, is the distance minus the required margin. A lower bound on each room is known from
+    the last time, or else from the configuration before, and how far the ends of each capsule have moved since. A room is
+    computed where this bound, and one from a sphere around the capsule, do not suffice. A block of pairs of one capsule with
+    objects is skipped if its least bound suffices; those of two links are skipped if spheres around the links are far apart.
     """
 
     def __init__(self, robot: Robot, scene: Scene, count: int) -> None:
@@ -199,9 +199,9 @@ def find_near(
     """Find the pairs with less room than a bound, and return their number.
 
     memory (updated): ends of the capsules (k, m, 2, 3), how far each capsule has moved (k, m), and a lower bound on the room of
-    each pair plus the distance that its capsules had moved when the bound was computed (k, pairs) [m], or 0 if none is known. blocks: where the blocks of
-    pairs begin, the least of these bounds in each (k, blocks) (updated), and spheres around the shapes of each link (n + 1, 4).
-    found (written): configurations, pairs, rooms.
+    each pair plus the distance that its capsules had moved when it was computed (k, pairs) [m], or 0 if none is known. blocks:
+    where the blocks of pairs begin, the least of these bounds in each (k, blocks) (updated), and spheres around the shapes of
+    each link (n + 1, 4). found (written): configurations, pairs, rooms.
 
     Shapes and units: q (k, n) [rad, m], margin, within [m].
     """

@@ -18,16 +18,16 @@ MOST_FREE_STEPS, STEP_HALVINGS = 150, 12
 ROUGH_RESIDUAL = 0.05
 """Residual per grid point below which a duration that is short enough ends the iteration."""
 LEAST_PROGRESS, SLOW_STEPS, SMALL_WEIGHT, SMALL_RESIDUAL = 1e-3, 10, 5e-3, 1e-2
-"""The iteration ends if the duration changed by less than the fraction `LEAST_PROGRESS` in `SLOW_STEPS` steps, with a weight below
-`SMALL_WEIGHT` and a residual per grid point below `SMALL_RESIDUAL`: the law solves the path found again."""
+"""The iteration ends if the duration changed by less than the fraction `LEAST_PROGRESS` in `SLOW_STEPS` steps, with a weight
+below `SMALL_WEIGHT` and a residual per grid point below `SMALL_RESIDUAL`: the law solves the path found again."""
 SLOWEST_START = 1.5
 """Largest factor by which the initial guess is slowed."""
 LONGEST_STEPS = (1.0, 0.3)
 """Longest step of a coefficient [rad, m], of the first attempt and of one after it failed: the constraint values are not linear
 farther away. A longer step is damped."""
 CLOSE_STEP, CLOSE_CHANGE, SHORT_STEP = 0.2, 5e-3, 0.3
-"""The weight of the barrier falls after a step of the coefficients up to `CLOSE_STEP` [rad, m] that changes the duration by up to
-the fraction `CLOSE_CHANGE`. An accepted step counts as short below the fraction `SHORT_STEP` of the possible length."""
+"""The weight of the barrier falls after a step of the coefficients up to `CLOSE_STEP` [rad, m] that changes the duration by up
+to the fraction `CLOSE_CHANGE`. An accepted step counts as short below the fraction `SHORT_STEP` of the possible length."""
 STUCK_LENGTH, STUCK_STEPS = 1e-3, 10
 """A weight of the barrier has failed after so many steps in a row of which less than this fraction was possible."""
 LEAST_INERTIA = 1e-6

@@ -29,10 +29,10 @@ tried."""
 DENSITIES = (1.0, 2.0)
 """Grid intervals around obstacles, as multiples of the law's default: between few grid points, bent paths exceed limits."""
 ENOUGH_NEAR, FAST, NOT_FAR = 1.005, 1.01, 1.1
-"""Ratios of a duration to the least one of a joint move. Up to `ENOUGH_NEAR`, the coarse grid suffices. Up to `FAST`, an iteration
-ends, and the law shortens the motion along its path. Up to `NOT_FAR`, the fine grid starts from the coarse result."""
+"""Ratios of a duration to the least one of a joint move. Up to `ENOUGH_NEAR`, the coarse grid suffices. Up to `FAST`, an
+iteration ends, and the law shortens the motion along its path. Up to `NOT_FAR`, the fine grid starts from the coarse result."""
 MAY_GAIN = 1.05
-"""Largest ratio of the duration on the coarse grid to the best duration from other initial paths for which the fine grid is tried."""
+"""Largest ratio of the duration on the coarse grid to the best one of other initial paths for which the fine grid is tried."""
 
 
 class TimedPlan(Timed, Protocol):

@@ -24,8 +24,8 @@ from planners.trajectory.curve import apply_chain_rule, find_times, quintic
 NO_JOINT_MOTION = 1e-11
 """Motion of a joint, or of what another limit bounds, that is rounding error [rad, m]: limits on it are ignored."""
 NODE_APART, BRIEF_MOTION = 2e-3, 0.1
-"""`NODE_APART` is the least time [s] between a knot for a node of the path and any other knot: shorter pieces of a quintic amplify
-the rounding of q in the jerk. It decreases in proportion to the duration of motions shorter than `BRIEF_MOTION` [s]."""
+"""`NODE_APART` is the least time [s] between a knot for a node of the path and any other knot: shorter pieces of a quintic
+amplify the rounding of q in the jerk. It decreases in proportion to the duration of motions shorter than `BRIEF_MOTION` [s]."""
 SHORTEST_PIECE = 1e-3
 """Shorter pieces [s] are not halved: rounding in q outweighs the gain of a knot."""
 REFINEMENT_ROUNDS = 6

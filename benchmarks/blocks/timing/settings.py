@@ -189,7 +189,7 @@ class LawBlock(Block):
     measures = MEASURES
     not_problems = frozenset({"plan", "detail"})
 
-    lines: Annotated[tuple[LineSet, ...], LISTED, AfterValidator(_different_sets)] = key("Sets of motions, called lines.")
+    lines: Annotated[tuple[LineSet, ...], LISTED, AfterValidator(_different_sets)] = key("Sets of motions (lines).")
     limits: Annotated[tuple[LimitSet, ...], LISTED, AfterValidator(check_labels)] = key(
         "Limits of the joints and of the tool; each motion is timed within each."
     )
