@@ -126,9 +126,7 @@ TRIAL_PROBLEMS = 5
 class ProblemBlock(Block):
     """A block of IK problems: one problem set on one robot."""
 
-    robot: RobotName = key(
-        "The arm: a name from `optik robots`, or a file; behind a URDF perhaps `#tip=LINK&base=LINK`."
-    )
+    robot: RobotName = key("The arm: a name, or the path of a file.")
     set: SetName = key("The problem set: a name, or the path of a file.")
     options: Options = key("Options of the problem set.", {})
 
