@@ -27,7 +27,7 @@ OF_EVERY_BLOCK = {"id", "title", "targets"}
 TABLES: dict[str, type[Settings]] = {
     **{name: load_kind(name).block for name in own_names(GROUP) if name != "cell"},
     "cell": CellBlock, **{f"cell {what}": block for what, block in BLOCKS.items()}, "noise": Noise,
-    "method": Method, "cell method": CellMethod, "peer": IKPeer, "law": Law, "peer of timing": LawPeer,
+    "method": Method, "cell method": CellMethod, "peer": IKPeer, "law": Law, "peer of time laws": LawPeer,
     "lines": LineSet, "limits of timing": LimitSet, "example": Example, "free set": FreeSet, "target": Target,
 }  # fmt: skip
 """Models by the name in the marks of the page."""

@@ -16,7 +16,7 @@ from optik.se3 import pose_error
 
 @compiled
 def descend(chain, limits, target, tolerance, q, errors, most):
-    """Run from q (n,) [rad, m] in place, errors (k, 6) [m, rad] kept where they have rows; return (iterations, solved)."""
+    """Iterate q (n,) [rad, m] in place, and store the errors (k, 6) [m, rad] if they have rows; return (iterations, solved)."""
     n = q.size
     frame, T, J, e = np.empty((n, 4, 4)), np.empty((4, 4)), np.empty((6, n)), np.empty(6)
     before, gradient_before, gradient = q.copy(), np.zeros(n), np.zeros(n)
@@ -82,7 +82,7 @@ class JacobianTranspose(IKSolver):
         self._tolerance = 0.5 * self.tolerance.position, 0.5 * self.tolerance.rotation
 
     def attempt(self, target, start, trace, time_limit):
-        """Try once from the start (n,) [rad, m]; the answer is judged by `IKSolver.solve`."""
+        """Iterate from the initial guess (n,) [rad, m]; `IKSolver.solve` judges the result."""
         q = self.robot.limits.clip(start)
         errors = np.empty((self.max_iterations + 1 if trace else 0, 6))
         k, solved = descend(self.robot.chain, self._limits, target, self._tolerance, q, errors, self.max_iterations)

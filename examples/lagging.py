@@ -22,12 +22,12 @@ class Lagging(SimulatedDrive):
     def _actual(self):
         return self._q.copy()
 
-    def _advance(self, asked, stalled):
-        """Return the arm's state after each step of one period; asked has the set-points (m + 1, n) at the plant's steps."""
-        q = np.empty_like(asked.q[1:])
-        for i, h in enumerate(np.diff(asked.t)):
-            share = np.where(stalled, 0.0, -np.expm1(-h / self.lag))
-            self._q = q[i] = self._q + share * (asked.q[i + 1] - self._q)
+    def _advance(self, commands, stalled):
+        """Return the arm's state after each plant step of one period. `commands` has m + 1 set-points."""
+        q = np.empty_like(commands.q[1:])
+        for i, h in enumerate(np.diff(commands.t)):
+            fraction = np.where(stalled, 0.0, -np.expm1(-h / self.lag))
+            self._q = q[i] = self._q + fraction * (commands.q[i + 1] - self._q)
         dq = np.diff(q, axis=0, prepend=q[:1]) / h
         return Steps(q, dq)
 

@@ -45,7 +45,7 @@ class SlowMiddle(TimeLaw):
             t**3 * (10.0 - 15.0 * t + 6.0 * t**2), 30.0 * t**2 * (1.0 - t) ** 2, 60.0 * t * (1.0 - t) * (1.0 - 2.0 * t)
         ])  # fmt: skip
         at = np.interp(u, passed(s), s)
-        for _ in range(4):  # Newton: where has so much passed?
+        for _ in range(4):  # Newton: solve passed(at) = u
             at = np.clip(at - (passed(at) - u) / density(at), 0.0, s[-1])
         ds = du / density(at)
         dds = (ddu - ds * ds * density(at, 1)) / density(at)

@@ -19,7 +19,7 @@ class Tsv(Format):
         return "".join(f"{key}\t{json.dumps(value)}\n" for key, value in to_plain(motion).items()).encode()
 
     def from_bytes(self, content):
-        """Return the motion in it; whatever is damaged is an InvalidInput, here or in `from_plain`."""
+        """Return the motion. Damaged content raises InvalidInput, here or in `from_plain`."""
         try:
             lines = [line.partition("\t") for line in content.decode().splitlines()]
             return from_plain({key: json.loads(value) for key, _, value in lines})

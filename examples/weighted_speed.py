@@ -8,12 +8,13 @@ import numpy as np
 from planners.limits import Limit, ToolExtreme
 
 WEIGHTS = np.array([3.0, 2.0, 2.0, 1.0, 1.0, 0.5])
+"""Weights of the joints, for an arm with six joints."""
 
 
 class WeightedSpeed(Limit):
     """Bound on Σ w |q̇| [rad/s]: one number for the whole arm, of first order."""
 
-    units = ("rad/s", "m/s")
+    units = ("rad/s", "rad/s")
     order = 1
     subject = "arm"
 

@@ -39,12 +39,12 @@ class Field:
     type: Any  # of Polars
     lost: Any = None  # its value in the row of a method that crashed its process
     words: str = ""  # its name in a comparison
-    unit: str = ""  # % for a share
-    better: str = ""  # more or less
+    unit: str = ""  # % for a rate
+    better: str = ""  # "more" or "less": which values are better; empty if neither
     scale: float = 1.0  # from the column to the unit
     only: str = ""  # field of truth values: problems are compared where it is true in both runs
     rounds: tuple[str, str] | tuple[()] = ()  # fields of the least and the largest value of a call's rounds
-    clock: str = ""  # of a time of computing, which depends on the machine and its load: wall or cpu
+    clock: str = ""  # of a computing time, which depends on the machine and its load: wall or cpu
     exact: bool = False  # every run gives the same value up to rounding: any change counts, without a test
     stored: bool = True  # false where it follows from the other fields when the rows are read
 
@@ -107,7 +107,7 @@ class Session:
 
     @cached_property
     def shared(self) -> Any:
-        """What the shards of a block that is timed alone have in common, made once."""
+        """The result of `Kind.share`, made once."""
         return self.kind.share(self)
 
 
@@ -164,7 +164,7 @@ class Trials(Work):
         return self.kind.frame(self.kind.solve(self))
 
     def crashed(self) -> pl.DataFrame:
-        """Return the rows of lost values."""
+        """Return the rows of a method that crashed."""
         return self.kind.frame(self.kind.lost(**keys) for keys in self.kind.keys(self))
 
     def halves(self) -> tuple[Self, ...]:
@@ -177,7 +177,7 @@ class Trials(Work):
 
 @dataclass(frozen=True)
 class Shard:
-    """One file of rows of a block, and the work that writes it; a shard whose file exists is done."""
+    """One part of a block: a file of rows, and the work that writes it. A part whose file exists is done."""
 
     name: str  # orders its rows in the block
     work: Work | Callable[[], pl.DataFrame]  # a function where the kind is timed alone
@@ -226,7 +226,7 @@ class Kind:
         return self
 
     def prepare(self, block: Any, seed: int) -> Any:
-        """Check before anything is written what needs a trial; the result is `Session.prepared`."""
+        """Check what only a trial can show, before anything is written. The result is `Session.prepared`."""
         return None
 
     def warm(self, block: Any) -> None:
@@ -234,7 +234,7 @@ class Kind:
         return
 
     def share(self, session: Session) -> Any:
-        """Return what the shards of a block that is timed alone have in common, after first calls that compile."""
+        """Return the data that all shards of a block that is timed alone use, after first calls that compile."""
         return None
 
     def shards(self, block: Any, session: Session) -> Iterable[Shard]:
@@ -250,7 +250,7 @@ class Kind:
         raise NotImplementedError(f"{type(self).__name__} has neither count() and solve() nor shards()")
 
     def solve(self, trials: Trials) -> Iterable[Mapping[str, Any]]:
-        """Solve some problems, and yield the rows: the fields by name, those that are missing are None."""
+        """Solve some problems, and yield a mapping of fields by name for each row. Missing fields are None."""
         raise NotImplementedError(f"{type(self).__name__} has neither count() and solve() nor shards()")
 
     def keys(self, trials: Trials) -> Iterable[Mapping[str, Any]]:
@@ -258,7 +258,7 @@ class Kind:
         return ({"method": label, "problem": number} for number in trials.numbers for label in trials.labels)
 
     def lost(self, **given: Any) -> dict[str, Any]:
-        """Return the row of a method that crashed its process: some given fields, and the lost value of each other one."""
+        """Return the row of a method that crashed its process: the given fields, and `Field.lost` for all others."""
         return {name: field.lost for name, field in self.fields.items() if field.stored} | given
 
     def frame(self, rows: Iterable[Mapping[str, Any]]) -> pl.DataFrame:
@@ -266,7 +266,7 @@ class Kind:
         schema = {name: field.type for name, field in self.fields.items() if field.stored}
         return pl.DataFrame(list(rows), schema=schema)
 
-    # ------------------------------------------------------------ what came of it
+    # ------------------------------------------------------------ results
 
     def file(self, block: Any, ending: str = "parquet", part: str = "") -> str:
         """Name of a file of a block in the run folder: of a shard of its rows, or another one."""

@@ -20,7 +20,7 @@ from optik.plugins.files import is_path, split_links
 
 
 def measure_named(measures: Sequence[Column], name: str, where: str) -> Column:
-    """Find a measure by its name; words are none."""
+    """Find a measure by its name; text columns are not measures."""
     measures = [measure for measure in measures if not measure.is_text]
     found = next((measure for measure in measures if measure.key == name), None)
     if found is None:
@@ -37,7 +37,7 @@ class Target(Settings):
     group: str = key("Part of the problems: a kind of motions, a robot, or the label of limits; by default all.", "")
     at_most: Annotated[float | None, numbered("a number")] = key("Largest value; give one of the two bounds.", None)
     at_least: Annotated[float | None, numbered("a number")] = key("Least value; give one of the two bounds.", None)
-    goal: Flag = key("Whether a missed bound is no failure.", False)
+    goal: Flag = key("Whether the bound is only a goal: the run does not fail if it is missed.", False)
 
     @model_validator(mode="after")
     def _one_bound(self) -> Target:
@@ -88,7 +88,7 @@ class TargetOutcome:
 
     @property
     def asked(self) -> str:
-        """The bound: ≤ 8 or ≥ 99.99."""
+        """The bound as text: ≤ 8 or ≥ 99.99."""
         bound = self.target.at_most if self.target.at_most is not None else self.target.at_least
         return f"{'≤' if self.target.at_most is not None else '≥'} {bound:g}"
 
@@ -116,7 +116,7 @@ class Block(Settings):
     """Further settings that do not change its problems."""
 
     id: str = key("Names the block's files.")
-    title: str = key("Name of the block in reports; by default that of its kind with the id.", "")
+    title: str = key("Name of the block in reports; by default the title of its kind, followed by the id.", "")
     targets: Annotated[tuple[Target, ...], LISTED] = key("Bounds that the report checks.", ())
 
     @classmethod
@@ -130,7 +130,7 @@ class Block(Settings):
 
     @property
     def is_sweep(self) -> bool:
-        """Whether the block varies the options of one method; its entries then take no colour of a method."""
+        """Whether the block varies the options of one method; its entries then have no colour of their own."""
         return bool(getattr(self, "sweep", False))
 
     @property
@@ -182,7 +182,7 @@ def _with_content(value: Any) -> Any:
 
 @dataclass(frozen=True)
 class Entry:
-    """One competitor of a block: a method or law of ours, or a peer."""
+    """One entry of a block: a method or law of ours, or a peer."""
 
     label: str  # name in reports
     name: str  # by which it is found, or the path of its file
@@ -191,7 +191,7 @@ class Entry:
     role: str = "ours"  # ours, law, peer or reference
     whole: bool = False  # each problem is one call with restarts, where others make one attempt
     along: bool = False  # a method iterates at each pose of a line, each from the pose before
-    without: tuple[str, ...] = ()  # limits that a law does not know
+    without: tuple[str, ...] = ()  # limits that are hidden from a law
 
     @property
     def words(self) -> str:
@@ -200,7 +200,7 @@ class Entry:
         return ", ".join([f"{key} = {value}" for key, value in self.options.items()] + told)
 
     def ending_after(self, budget: int | None) -> Entry:
-        """Return the entry with one attempt of some iterations for each problem; itself where it keeps its own settings."""
+        """Return the entry with one attempt of some iterations per problem; one with its own settings is unchanged."""
         if self.whole or budget is None:
             return self
         limit = {"iterations": budget} if self.role == "peer" else {"max_iterations": budget, "max_restarts": 0}

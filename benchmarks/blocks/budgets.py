@@ -129,7 +129,7 @@ def _varies_options(given: dict[str, Any]) -> bool:
 class BudgetBlock(ProblemBlock):
     """One problem set on one robot, solved by some methods at some iteration budgets, one attempt each.
 
-    A method that is ``whole`` has no budget: it is called once as it comes, with its restarts.
+    A method that is ``whole`` has no budget: it is called once with default settings, including restarts.
     """
 
     budgets: Budgets = key("Iterations at which every run is judged, increasing.", (100,))

@@ -102,7 +102,7 @@ class CallBlock(ProblemBlock):
 
     rounds: Count = key("Timed rounds; the time of a problem is their median.", 3)
     methods: Annotated[tuple[Entry, ...], Entries(Method)] = key("Methods of ours; ratios are taken to the first.")
-    peers: Annotated[tuple[Entry, ...], Entries(IKPeer)] = key("Methods of other packages.", ())
+    peers: Annotated[tuple[Entry, ...], Entries(IKPeer)] = key("IK peers.", ())
     evaluation_budgets: Annotated[tuple[Count, ...], LISTED, AfterValidator(_sorted)] = key(
         "Numbers of iterations at which the methods that accept one are also compared.", ()
     )
@@ -222,7 +222,7 @@ class _Calls(Kind):
     def _write_facts(
         self, folder: RunFolder, block: CallBlock, count: int, callers: list[Contestant], absent: dict[str, Any]
     ) -> None:
-        """Write the facts on a block; of a method that is not built again, those of before."""
+        """Write the facts on a block; those of an earlier session are kept for a method that is not built again."""
         file = self.file(block, "json")
         known = (folder.read_json(file) or {"entries": {}})["entries"]
         entries = {c.label: known.get(c.label, c.about) if c.ended else c.about for c in callers} | absent

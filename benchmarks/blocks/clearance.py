@@ -1,4 +1,4 @@
-"""Contact between samples: the proof for every instant compared with sampling by coal, on motions through the same scene."""
+"""Contact between samples: the certificate for every instant compared with sampling by coal, on the same motions."""
 
 from __future__ import annotations
 
@@ -52,8 +52,8 @@ MEASURES = (
 """Measures: columns of the table of a block, which its targets can name."""
 
 
-PROOF = "proof for every instant"
-"""Label of the proof among those of the sampling."""
+PROOF = "certificate for every instant"
+"""Label of the certificate among those of the sampling."""
 
 
 def _above_0(values: Any) -> tuple[float, ...]:
@@ -70,14 +70,14 @@ Resolutions = Annotated[tuple[float, ...], BeforeValidator(_above_0)]
 
 
 class ClearanceBlock(Block):
-    """Motions of an arm through a scene, judged by the proof and by sampling."""
+    """Motions of an arm through a scene, judged by the certificate and by sampling."""
 
     noun = "clearance"
     measures = MEASURES
 
     robot: RobotName = key("The arm: a name, or the path of a file; it must have shapes.")
     scene: SceneName = key("Scene: `shelf`, `table`, `plates`, or a file.")
-    count: Count = key("Number of motions, straight in joint space from rest to rest between two free configurations.")
+    count: Count = key("Number of motions, straight in joint space between two collision-free configurations at rest.")
     joint_steps: Resolutions = key("Sampling: largest joint motion between samples.", (0.2, 0.1, 0.05, 0.02), "rad, m")
     rates: Resolutions = key("Sampling: samples a second.", (100.0, 400.0), "Hz")
     margin: Annotated[float, numbered("metres, 0 or more", least=0.0)] = key(
@@ -86,7 +86,7 @@ class ClearanceBlock(Block):
 
     @property
     def entries(self) -> tuple[Entry, ...]:
-        """The proof, then coal at each rate, from coarse to fine."""
+        """The certificate, then coal at each rate, from coarse to fine."""
         sampled = [sampling_label(step, "rad") for step in self.joint_steps] + [
             sampling_label(rate, "Hz") for rate in self.rates
         ]
@@ -102,7 +102,7 @@ END_CLEARANCE = 0.01
 """Distance of both ends of a motion beyond the margin [m]: users start and end motions collision-free."""
 
 MOST_END_DRAWS = 100_000
-"""Number of samples after which a scene counts as without collision-free configurations."""
+"""Number of samples after which the scene is refused because no collision-free configuration was found."""
 
 USUAL_SPEED, USUAL_ACCELERATION = 2.0, 10.0
 """Limits of a motion [rad/s, rad/s², or metres] for an arm that states none."""
@@ -124,7 +124,7 @@ def draw(block: ClearanceBlock, arm: Robot, scene: Scene, seed: int, number: int
             break
     else:
         raise InvalidInput(
-            "scene", f"{block.scene}: no free configuration of {arm.name} in {MOST_END_DRAWS:,} draws", "room"
+            "scene", f"{block.scene}: none of {MOST_END_DRAWS:,} samples of {arm.name} is collision-free", "free space"
         )
     way = np.abs(ends[1] - ends[0])
     speed = USUAL_SPEED if arm.limits.velocity is None else arm.limits.velocity
@@ -187,7 +187,7 @@ def _sampled(coal: CoalSampling, motion: Trajectory, label: str, count: int) -> 
 
 
 class CoalSampling:
-    """The shapes of an arm and a scene in Pinocchio's geometry model: the same pairs as the proof examines."""
+    """The shapes of an arm and a scene in Pinocchio's geometry model: the same pairs as in the certificate."""
 
     def __init__(self, robot: Robot, scene: Scene) -> None:
         import coal
@@ -218,7 +218,7 @@ class CoalSampling:
         return -1
 
     def room(self, q: Array) -> float:
-        """Return the least distance of all pairs at a configuration, to the scene minus the margin."""
+        """Return the least clearance of all pairs at a configuration: the distance minus the required margin."""
         self._pin.computeDistances(self._model, self._data, self._geometry, self._placed, q)
         found = [result.min_distance for result in self._placed.distanceResults]
         return float(np.min(found - self._margins, initial=np.inf))

@@ -36,14 +36,14 @@ class Column:
     better: str = ""
     """``more`` or ``less``, where one value is better than another; else empty."""
     show: str = "number"
-    """``number`` (three digits), ``precise`` (four), ``exact`` (seven), ``limit`` (a value over its limit: above 1 with as
-    many digits as show it), ``p`` (a p-value), ``count``, ``share`` (a percentage), ``text``, ``verdict`` (met or missed), or
-    ``mixed``: what the row's ``show`` says, else a share where its ``unit`` is %, else a number."""
+    """``number`` (three digits), ``precise`` (four), ``exact`` (seven), ``limit`` (a value over its limit: above 1 with
+    enough digits to differ from 1), ``p`` (a p-value), ``count``, ``share`` (a percentage), ``text``, ``verdict`` (met or
+    missed), or ``mixed``: what the row's ``show`` says, else a percentage where its ``unit`` is %, else a number."""
     aside: bool = False
     """Whether the page shows it only on request: for columns that few readers ask for."""
     among: str = ""
-    """Key of what a row must have (neither None nor empty) to be the best in this column; any row may where this is empty.
-    A motion that breaks a limit must not be called the shortest."""
+    """Key of a column that must not be empty for a row to be marked best; without a key, any row may be.
+    A motion that exceeds a limit must not be called the shortest."""
     of: Callable[..., Any] | None = None
     """From the rows of a group to its value; None where the value is given. If `relative`, it also takes two labels."""
     relative: bool = False

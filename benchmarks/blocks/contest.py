@@ -38,7 +38,7 @@ def _never(*given: Any) -> Any:
 
 @dataclass(frozen=True)
 class Contestant:
-    """A method or law of ours or a peer: ready to be called, absent, or one that ended its process."""
+    """A built entry: ready to be called, absent, or one that ended its process."""
 
     entry: Entry
     about: dict[str, Any]  # facts for the report; `absent` is the reason why it is not run
@@ -68,7 +68,7 @@ def enter(
     build: Callable[[Entry], Contestant],
     facts: Callable[[Entry], dict[str, Any]] = facts_on,
 ) -> Contestant:
-    """Build a contestant; one that has ended the process is not even built again, since it may have been that."""
+    """Build a contestant. One that crashed the process is not built again, because building may be the cause."""
     if entry.label in journal.crashed:
         return Contestant(entry, facts(entry), ended=journal.crashed[entry.label])
     with journal.at_work(entry.label):
@@ -104,7 +104,7 @@ def timed_calls(
 ) -> Calls:
     """Time one call for each tuple of arguments, by the clock of the process that makes them.
 
-    The processor time is the mean over the calls; of each call in a worker process.
+    The processor time is the mean over the calls. In a worker process it is measured for each call.
     """
     if contestant.many is not None:
         answers = contestant.many(arguments)

@@ -79,7 +79,7 @@ class Law(Settings):
     label: str = Field(default_factory=default_label("law"), description=LABEL_MEANING)
     options: Options = key("Options of the law.", {})
     without: Annotated[tuple[Any, ...], LISTED, AfterValidator(_limits)] = key(
-        "Limits that the law does not know; its motions are judged by them.", ()
+        "Limits that are hidden from the law; its motions are judged by them, too.", ()
     )
 
     def entry(self, role: str = "law") -> Entry:
@@ -90,7 +90,7 @@ class Law(Settings):
 class IKPeer(Settings):
     """A method of another package."""
 
-    peer: Annotated[str, named("benchmarks.peers.ik", "peer")] = key("Outside method: a name, or the path of a file.")
+    peer: Annotated[str, named("benchmarks.peers.ik", "peer")] = key("IK peer: a name, or the path of a file.")
     label: str = Field(
         default_factory=lambda given: short_name(given["peer"]).replace("_", " "), description=LABEL_MEANING
     )
@@ -106,8 +106,8 @@ class IKPeer(Settings):
 class LawPeer(Settings):
     """A time law of another package."""
 
-    peer: Annotated[str, named("benchmarks.peers.laws", "peer of timing")] = key(
-        "Outside law: a name, or the path of a file."
+    peer: Annotated[str, named("benchmarks.peers.laws", "peer of time laws")] = key(
+        "Peer of time laws: a name, or the path of a file."
     )
     label: str = Field(
         default_factory=lambda given: short_name(given["peer"]).replace("_", " "), description=LABEL_MEANING
@@ -126,9 +126,7 @@ TRIAL_PROBLEMS = 5
 class ProblemBlock(Block):
     """A block of IK problems: one problem set on one robot."""
 
-    robot: RobotName = key(
-        "The arm: a name from `optik robots`, or a file; behind a URDF perhaps `#tip=LINK&base=LINK`."
-    )
+    robot: RobotName = key("The arm: a name, or the path of a file.")
     set: SetName = key("The problem set: a name, or the path of a file.")
     options: Options = key("Options of the problem set.", {})
 

@@ -77,7 +77,7 @@ def _median(column: str) -> Of:
 
 
 def _span(least: float, most: float) -> Of:
-    """Return the words for two quantiles of the ratios of the durations."""
+    """Return the computation of two quantiles of the duration ratios, as text."""
     return lambda rows: " to ".join(f"{x:.3g}" for x in quantiles(rows["ratio"].drop_nulls().to_numpy(), (least, most)))
 
 
@@ -107,7 +107,7 @@ class FreeSet(Settings):
         "`cycle` (pick and place through six via poses, within 5 mm and 0.09 rad)."
     )
     count: Count = key("Number of motions.")
-    freedom: str = key("For paths of the tool: `turn`, `tilt` or `elbow`; joint moves and cycles have free paths.", "")
+    freedom: str = key("For paths of the tool: `turn`, `tilt` or `elbow`; joint moves and cycles need none.", "")
     hold_start: Flag = key("Whether the motion starts at the given configuration, with all coordinates at 0.", False)
     payload: Payload = key("Mass in the tool, or [lightest, heaviest]; by default that of the robot file.", None, "kg")
     torch_deg: Annotated[float | None, numbered("degrees")] = key(
@@ -164,7 +164,7 @@ class FreedomBlock(Block):
     sets: Annotated[tuple[FreeSet, ...], LISTED, AfterValidator(_different)] = key("Sets of motions.")
     limits: Annotated[tuple[LimitSet, ...], LISTED, AfterValidator(check_labels)] = key("Limits of the motions.")
     peers: Annotated[tuple[Annotated[str, one_of(SIMULTANEOUS, DRAKE)], ...], LISTED] = key(
-        "Other solvers of path and time together: `casadi_simultaneous`, `drake` (only `joints`).", ()
+        "Peers of path and time together: `casadi_simultaneous`, `drake` (only `joints`).", ()
     )
 
     @property

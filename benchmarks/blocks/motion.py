@@ -60,7 +60,7 @@ PYROBOPLAN = "pyroboplan"
 OF_OMPL = "OMPL, rounded"
 """Label of the peer whose duration ours is compared with."""
 EQUAL = 1e-6
-"""Fraction by which a duration may be longer than that of the peer, and count as not longer."""
+"""Relative tolerance: a duration counts as longer than the peer's only beyond this fraction."""
 WHERE = (
     "a tar file of problems, such as resources/panda/problems.tar.bz2 of github.com/KavrakiLab/vamp; "
     "without this key the block generates problems"
@@ -68,7 +68,7 @@ WHERE = (
 """What the key `problems` names."""
 
 COUNTED = ~pl.col("touched")
-"""Problems whose ends are free."""
+"""Problems whose start and goal are collision-free."""
 MEASURES = (
     Column("problems", "problems", show="count", of=len),
     Column("found", "path found", "%", "more", "share", of=share("found")),
@@ -140,7 +140,7 @@ class MotionBlock(Block):
 
 
 def find_touching_end(robot: Robot, problem: MotionProblem) -> str:
-    """Return why the start or the goal is not free, or nothing."""
+    """Return the reason if the start or the goal is in collision or outside the limits, else an empty string."""
     for which, q in (("start", problem.start), ("goal", problem.goal)):
         if not robot.limits.contains(q):
             return f"the {which} is outside the joint limits"
@@ -168,7 +168,7 @@ def time_rounded(
 
 
 def _judge(made: Plan | None, ms: float) -> dict[str, Any]:
-    """Return the part of a row that tells of a plan."""
+    """Return the columns of a row that describe a plan."""
     if made is None:
         return {"status": "timing_infeasible", "ms": ms, "solved": False}
     row: dict[str, Any] = {"status": str(made.status), "ms": ms, "solved": bool(made)}
@@ -200,7 +200,7 @@ def solve_by_pyroboplan(robot: Robot, limits: MotionLimits, problem: MotionProbl
 
 
 def find_polyline(robot: Robot, scene: Scene, ends: tuple[Array, Array], search: str) -> SearchResult:
-    """Return what one of the searches finds: with proved edges by ours and by OMPL, with sampled ones by VAMP."""
+    """Return the polyline of a search. Edges of our search and of OMPL are proved; those of VAMP are sampled."""
     if search != "vamp":
         return find_path(robot, *ends, scene=scene, search=search, winding="exact")
     try:

@@ -90,7 +90,7 @@ class CallRound(NamedTuple):
 
 @dataclass(frozen=True)
 class Rounds:
-    """Rounds of one part; the journal of the block has the caller of the current round and the finished rows."""
+    """Rounds of one part; the journal of the block has the contestant of the current round and the finished rows."""
 
     journal: Journal = UNKEPT
     part: str = ""
@@ -121,7 +121,7 @@ def timed_part(
     kept: Rounds | None = None,
     budget: int | None = None,
 ) -> pl.DataFrame:
-    """Time some problems: in every round each caller takes all of them, one after another; their rows name the budget."""
+    """Time some problems: in every round each contestant takes all of them in turn; their rows name the budget."""
     kept = kept or Rounds()
     mine = [np.intersect1d(here, problems.chosen(c.entry.most)) for c in callers]
     given = [i for i in range(len(callers)) if len(mine[i])]
@@ -149,13 +149,13 @@ def timed_part(
 
 
 def one_round(caller: Contestant, problems: ProblemSet, mine: NDArray[np.int64], trial: tuple[int, int]) -> CallRound:
-    """Call one caller once for each problem, with copies of the target and the initial guess."""
+    """Call one contestant once for each problem, with copies of the target and the initial guess."""
     arguments, (seed, turn) = _arguments(caller, problems, mine), trial
 
     def again(i: int) -> None:
         reseed(caller.method, seed, int(mine[i]), caller.label, turn)
 
-    # setting the random numbers of a method that draws none costs it its caches
+    # reseeding would clear the caches of a method that uses no random numbers
     calls = timed_calls(caller, arguments, (Exception,), again if caller.about.get("random") else None)
     fresh = _arguments(caller, problems, mine)
     changed = [
@@ -182,7 +182,7 @@ def _failure(error: Exception) -> tuple[str, str]:
 
 
 class Reading(NamedTuple):
-    """The result of one call, read by its caller."""
+    """The result of one call, read by its contestant."""
 
     q: Array
     outcome: str
@@ -194,7 +194,7 @@ class Reading(NamedTuple):
 
 
 def _read(caller: Contestant, raw: Any, n: int) -> Reading:
-    """Read the result of one call; a caller that cannot read it counts as failed."""
+    """Read the result of one call; a contestant that cannot read it counts as failed."""
     empty = np.empty((0, n))
     if isinstance(raw, Exception):
         return Reading(empty, *_failure(raw))
@@ -212,13 +212,13 @@ def _read(caller: Contestant, raw: Any, n: int) -> Reading:
 
 
 _READ = ("outcome", "error", "claimed", "iterations", "restarts", "answers_ns")
-"""Fields that a caller reads."""
+"""Fields that a contestant reads."""
 
 
 def _first_round_rows(
     robot: Robot, problems: ProblemSet, mine: NDArray[np.int64], caller: Contestant, found: CallRound
 ) -> pl.DataFrame:
-    """Return the first round of one caller: judged answers, and times."""
+    """Return the first round of one contestant: judged answers, and times."""
     read = [_read(caller, raw, robot.n) for raw in found.calls.raws]
     judgement = judged(robot, problems.targets[mine], [r.q for r in read], wraps=caller.entry.role == "peer")
     columns = {name: pl.Series([getattr(r, name) for r in read], dtype=FIELDS[name].type) for name in _READ}
@@ -226,7 +226,7 @@ def _first_round_rows(
 
 
 def _all_rounds_rows(rounds: list[pl.DataFrame]) -> pl.DataFrame:
-    """Return the rows of one caller: judged answers of the first round, times of all."""
+    """Return the rows of one contestant: judged answers of the first round, times of all."""
     ns, cpu_ns, changed = (
         np.stack([one[name].to_numpy() for one in rounds]) for name in ("round_ns", "round_cpu_ns", "changed")
     )
@@ -241,7 +241,7 @@ def _all_rounds_rows(rounds: list[pl.DataFrame]) -> pl.DataFrame:
 
 
 def _crashed_rows(mine: NDArray[np.int64], why: str) -> pl.DataFrame:
-    """Return the rows of a caller that has ended the process: it answered nothing, and never returned."""
+    """Return the rows of a contestant that has ended the process: it answered nothing, and never returned."""
     lost = {name: pl.lit(field.lost, field.type) for name, field in FIELDS.items() if field.stored}
     lost |= {"problem": pl.col("problem"), "error": pl.lit(why[:LONGEST_ERROR])}
     return pl.DataFrame({"problem": pl.Series(mine)}).with_columns(**lost)

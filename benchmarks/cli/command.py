@@ -227,7 +227,7 @@ class StartCommand(RobotCommand):
 
     start_deg: str = numbers(
         "Robot",
-        "Start configuration [degrees, prismatic mm]: 20,-35,40; by default the arm's home, or a random configuration.",
+        "Start configuration [degrees, prismatic mm]: 20,-35,40; by default the arm's home, or a fixed sample.",
         "",
     )
     solver: str = option("Method", f"IK method, one of: {', '.join(optik.ik.solvers())}; or a file: ./jt.py.", "lm")

@@ -21,7 +21,7 @@ from optik.plugins.options import NO_DEFAULT, ParameterDoc, defaults, find_neare
 from optik.plugins.usage import collect_plugins
 from optik.registry import load_method
 
-PEERS_OF = {IKPeer: ("benchmarks.peers.ik", "peer"), LawPeer: ("benchmarks.peers.laws", "peer of timing")}
+PEERS_OF = {IKPeer: ("benchmarks.peers.ik", "peer"), LawPeer: ("benchmarks.peers.laws", "peer of time laws")}
 """Group and noun of peers."""
 
 

@@ -40,13 +40,13 @@ class Winner:
     entries: tuple[tuple[str, float, float, float], ...]
     """Label, value, and the ends of its 95 % interval, of all that took part; the best first."""
     anchor: str
-    """Section of the page that has the rest."""
+    """Anchor of the section with the details."""
     note: str = ""
     """Which problems, how many, and who is not ranked and why."""
     how: str = ""
-    """What the intervals are, and by which test ties are found; the page shows it on request."""
+    """What the intervals are, and by which test differences are found; the page shows it on request."""
     level: tuple[str, ...] | None = None
-    """Labels of the best and of those that a paired test does not tell from it, where one was made."""
+    """Labels of the best entry and of those not significantly different from it, if a paired test was made."""
     count: int | None = None
     """Number of problems or motions in the paired test."""
 
@@ -65,7 +65,7 @@ class Winner:
     def tied(self) -> tuple[str, ...]:
         """Labels of the best and of all not significantly different from it, by the paired test or overlapping intervals.
 
-        With too few values for a test, entries are ranked by value: only those with the best value are tied.
+        With too few values for a test, entries are ranked by value: only those with the best value are listed.
         """
         _, best, low, high = self.entries[0]
         if self.is_too_few:
@@ -86,10 +86,10 @@ class Section:
     template: Path = QUESTION
     order: int = 95
     """Position on the page, smaller first: 10 to 19 single calls, 20 time laws on many lines, 30 to 60 iteration budgets,
-    70 to 90 one line planned, from 100 what closes the page."""
+    70 to 90 one line planned, from 100 the appendix."""
     place: str = "section"
-    """``section``; or ``top`` for a picture on the first screen, ``terms`` for what counts as solved, ``summary`` for what
-    was run."""
+    """``section``; or ``top`` for a picture on the first screen, ``terms`` for definitions, ``summary`` for the
+    settings of the run."""
 
 
 def _nothing(run: Run) -> Sequence[Any]:
@@ -111,7 +111,7 @@ class KindReport:
     limitations: Callable[[Run], Sequence[str]] = _nothing
     """What a reader should know before quoting its figures."""
     labels: Callable[[Any], Sequence[str]] = lambda block: block.labels
-    """What of a block has a colour on the page."""
+    """Labels of a block that have a colour of their own on the page."""
 
 
 def load_report(kind: Kind) -> KindReport:

@@ -1,4 +1,4 @@
-"""Section: contacts that sampling misses, compared with the proof, and the computing time of both."""
+"""Section: contacts that sampling misses, compared with the certificate, and the computing time of both."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ TIME_TICKS = (0.1, 0.3, 1, 3, 10, 30, 100, 300)
 """Numbers on the axes of times [ms]."""
 
 HOW = (
-    "Motions are straight in joint space, one quintic from rest to rest, between two collision-free configurations. The proof "
-    "is for every instant. Sampling is Pinocchio's computeCollisions with coal at configurations equally spaced in joint space "
-    "or in time, up to the first contact. Both examine the same pairs of the same shapes. The truth is a contact if coal finds "
-    "one at some sample, or confirms the one of the proof at its instant."
+    "Motions are straight in joint space, one quintic from rest to rest, between two collision-free configurations. The "
+    "certificate is for every instant. Sampling is Pinocchio's computeCollisions with coal at configurations equally spaced in "
+    "joint space or in time, up to the first contact. Both examine the same pairs of the same shapes. The truth is a contact "
+    "if coal finds one at some sample, or confirms the one of the certificate at its instant."
 )
 """Description of the judged motions and of the methods."""
 

@@ -67,7 +67,7 @@ class Lock:
             raise OutputError(self._file, f"cannot be written ({error.strerror})") from None
 
     def release(self) -> None:
-        """Release the lock; remove its file unless it records a crash whose work this process has not repeated."""
+        """Release the lock. The file is kept if it records a crash whose work is still to be repeated."""
         if sys.platform == "win32":
             os.close(self._opened)  # an open file cannot be removed
         if self.is_void:
@@ -169,7 +169,7 @@ def new_manifest(suite: Suite, workers: int, command: str) -> dict[str, Any]:
 
 
 def resumed(folder: RunFolder, manifest: dict[str, Any]) -> dict[str, Any]:
-    """Return the manifest of a run in this folder; that of a resumed run names all sessions until it is complete."""
+    """Return the manifest of the run in this folder. If the run is resumed, it lists all sessions."""
     path = folder.path
     if path.exists() and not path.is_dir():
         raise OutputError(path, "is a file; choose a folder for the run")

@@ -24,7 +24,7 @@ from optik.errors import OptikError
 from optik.plugins.files import expect
 
 IN_FLIGHT = 64
-"""Parts that an executor of the caller has at a time: enough for as many workers, with arrays that fit in memory."""
+"""Largest number of parts submitted at once to an executor that the caller gave: enough workers, and arrays fit in memory."""
 
 START_SECONDS = 300.0
 """Time limit for a worker to import optik [s]: a loaded machine may take tens of seconds."""

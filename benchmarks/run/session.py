@@ -178,7 +178,7 @@ class _Run:
 
     def _solve(self, shards: Iterable[Shard], pool: Pool) -> None:
         """Run shards, and write their rows and failures."""
-        with closing(solve_shards(shards, pool)) as results:  # so that a second Ctrl-C, from Polars, is not lost in it
+        with closing(solve_shards(shards, pool)) as results:  # a second Ctrl-C, during clean-up, is not lost
             for shard, rows, crashes, repeated in results:
                 if repeated:
                     before = self._folder.manifest().get("repeated", [])

@@ -21,25 +21,25 @@ from planners.paths.point_to_point import PointToPoint
 from planners.paths.spline import DEGREE
 
 NEAR_ROOM, NEAREST_PAIRS = 0.12, 4
-"""Room [m] within which the first round limits pairs on the initial path, and how many at each grid point."""
+"""Clearance [m] below which the first round limits pairs on the initial path, and how many at each grid point."""
 REQUIRED_ROOM, FURTHER_ROOM = 2e-3, 3e-3
-"""Least room [m] at grid points, and what is added to it where the motion came too near beside one."""
+"""Least clearance [m] at grid points, and what is added to it where the motion came too near beside one."""
 SPARE_SLOTS = 4
 """Pairs at each grid point that may be limited besides, when they come near."""
 OF_INITIAL, MORE_OF_INITIAL = 0.5, 0.9
-"""Fractions of the initial path's room that a limit may require, so that the initial path keeps it: at first, and after the
-motion came too near all the same; after another time it need not."""
+"""Largest fractions of the initial path's clearance that a limit requires, so that the initial path meets it: `OF_INITIAL` at
+first, `MORE_OF_INITIAL` if the motion comes too near in spite of it. After that there is no such bound."""
 EXAMINED_BETWEEN = 4
 """Configurations in each interval that are examined before a motion is certified."""
 TOUCHING_ROOM = 2e-5
-"""Room [m] below which a pair is limited in the next round."""
+"""Clearance [m] below which a pair is limited in the next round."""
 PUSHES, PUSH_ROOM, PUSH_DAMPING, LONGEST_PUSH = 60, 5e-3, 1e-3, 0.1
-"""Steps that move an initial path out of contact: the most, the room that they look for [m], their damping as a fraction of the
-largest curvature, and the longest step of a coefficient [rad, m]."""
+"""An initial path is moved out of contact in at most `PUSHES` steps, until the clearance is `PUSH_ROOM` [m]. `PUSH_DAMPING` is
+a fraction of the largest curvature, `LONGEST_PUSH` the longest step of a coefficient [rad, m]."""
 ENOUGH_GUESSES = 3
 """Initial guesses after which none is tried once a motion is found."""
 UNKNOWN = (np.inf, np.nan, OF_INITIAL)
-"""The initial room [m] of a pair that was not near, the room that is required of it, and its share of the initial one."""
+"""The initial clearance [m] of a pair that was not near, the required one, and the fraction of the initial clearance."""
 MOST_CUTS = 6
 """Most rounds from one initial path."""
 
@@ -49,7 +49,7 @@ def push_out(
 ) -> tuple[Array, Array] | None:
     """Return coefficients near p whose path is free of contact at the grid points, and their joints; None if none are found.
 
-    Least squares of the missing rooms, by the method of Levenberg and Marquardt. No timing is involved.
+    Least squares of the missing clearances, by the method of Levenberg and Marquardt. No timing is involved.
     """
     robot, programme, bodies = choice.robot, choice.programme, bodies_of(choice.robot, scene)
     basis, free, K, D = choice.parts[0], programme.window.free, programme.K, programme.D
@@ -89,10 +89,10 @@ def push_out(
 
 
 class Cuts:
-    """The least rooms that are required of pairs at grid points: table (K + 1, C) [m], NaN where none is.
+    """Requirements of clearance of pairs at grid points: table (K + 1, C) [m], NaN where there is none.
 
-    Its columns are the pairs (C,) that were near; `initial` (K + 1, C) are their rooms on the initial path, infinite beyond
-    `NEAR_ROOM`.
+    Its columns are the pairs (C,) that were near; `initial` (K + 1, C) are their clearances on the initial path, infinite
+    beyond `NEAR_ROOM`.
     """
 
     def __init__(self, robot: Robot, scene: Scene, q: Array, pairs: NearPairs | None = None) -> None:
@@ -124,7 +124,7 @@ class Cuts:
         return ClearanceLimits(self._robot, self._scene, *choice.parts[:2], slots, required, column, self._near)
 
     def add_touched(self, q: Array) -> bool:
-        """Add the pairs without room among configurations, several in each interval; return whether there are any."""
+        """Add the pairs in contact at configurations, several in each interval; return whether there are any."""
         at, pairs, _rooms = NearPairs(self._robot, self._scene, len(q)).find(q, TOUCHING_ROOM)
         inside = (at > 0) & (at < len(q) - 1)
         self._add(
@@ -134,14 +134,14 @@ class Cuts:
         return bool(inside.any())
 
     def add_failed(self, q: Array, s: float, grid: Array) -> None:
-        """Add the pair with the least room at a configuration, around its place s on the grid."""
+        """Add the pair with the least clearance at a configuration, near its path parameter s."""
         _k, pairs, rooms = NearPairs(self._robot, self._scene, 1).find(q[None], np.inf)
         pair, k = int(pairs[rooms.argmin()]), int(np.searchsorted(grid, s))
         around = np.unique(np.clip(np.arange(k - 2, k + 2), 0, len(grid) - 1))
         self._add(around, np.full(around.size, pair))
 
     def _add(self, k: Indices, pairs: Indices) -> None:
-        """Require room of pairs at grid points, and more where some was required."""
+        """Require clearance of pairs at grid points, and more where some was required."""
         k, pairs = np.unique(np.stack([k, pairs]), axis=1)
         before, self.pairs = self.pairs, np.union1d(self.pairs, pairs)
         place, at = np.searchsorted(self.pairs, before), np.searchsorted(self.pairs, pairs)

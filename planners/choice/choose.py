@@ -26,7 +26,8 @@ from planners.timing.optimal import Optimum
 from planners.trajectory import Trajectory
 
 WORTHLESS = 1e-4
-"""Fraction of the duration, by the gradient, that a freedom must promise for each radian or metre of its coordinates."""
+"""Least relative decrease of the duration per radian or metre of its coordinates, predicted by the gradient, for which a
+freedom is used."""
 LEAST_GAIN = 1e-4
 """Least fraction by which a chosen path must shorten the motion to be used."""
 FURTHER_TURNS = tuple(np.radians((135.0, -135.0, 180.0, 90.0, -90.0, 45.0, -45.0)))
@@ -60,7 +61,7 @@ class FreedomResult:
     outcome : str
         In words: chosen, or why the initial path was kept.
     ranges : tuple of CoordinateRange
-        Allowed and reached range of each coordinate; the latter is proved by the convex hull of the spline's coefficients.
+        Allowed and reached range of each coordinate. The convex hull of the spline's coefficients proves the reached range.
     s, values : (k,) and (k, d) arrays
         Path parameters [m, or rad], and what each of the ranges bounds there; the joints of a path in joint space [rad, m].
     gradient : float
@@ -203,7 +204,7 @@ class Choice:
                 yield found
 
     def swings(self) -> Iterator[tuple[Array, Array]]:
-        """Yield the given path with the elbow swung by constant amounts, for an elbow that must keep clear of something."""
+        """Yield the given path with the elbow turned by constant angles, for a path in contact."""
         if "elbow" in self.path.bounds and not self.held:
             for swing in ELBOW_SWINGS:
                 found = self._turn(self.tool_count, swing)

@@ -26,24 +26,24 @@ from planners.choice.programme import ChoicePlace, Statics
 from planners.paths.spline import DEGREE, Basis
 
 ROOM_BEND = 0.05
-"""Room x [m] at which the limited value 1 − 2 x / (x + ROOM_BEND) is 0: it is −1 far away, and 1 with no room left."""
+"""Clearance x [m] at which the constraint value 1 − 2 x / (x + ROOM_BEND) is 0: it is −1 far away, and 1 without clearance."""
 FREE_ROOM = 1e3
-"""Room [m] of what is not limited."""
+"""Clearance [m] that stands for "not limited"."""
 SLOT_ROOM = 0.03
-"""Room [m] below which a pair is limited."""
+"""Clearance [m] below which a pair is limited."""
 BLOCK = 32
 """Number of pairs of a capsule that are skipped together."""
 NO_DIRECTION = 1e-12
-"""Distance of axes [m] below which nothing tells where to move."""
+"""Distance of axes [m] below which the gradient direction is undefined."""
 
 
 class NearPairs:
-    """The pairs of shapes with little room at each of some configurations, from one step of them to the next.
+    """The pairs of shapes with little clearance at each of some configurations, from one step of them to the next.
 
-    A lower bound on each room is known from the last time, or else from the configuration before, and how far the ends of each
-    capsule have moved since. A room is computed where this bound, and one from a sphere around the capsule, do not suffice. A
-    block of pairs of one capsule with objects is skipped if its least bound suffices; the pairs of two links are skipped if
-    spheres around the links are far apart.
+    The clearance, called room in the code, is the distance minus the required margin. A lower bound on each room is known from
+    the last time, or else from the configuration before, and how far the ends of each capsule have moved since. A room is
+    computed where this bound, and one from a sphere around the capsule, do not suffice. A block of pairs of one capsule with
+    objects is skipped if its least bound suffices; those of two links are skipped if spheres around the links are far apart.
     """
 
     def __init__(self, robot: Robot, scene: Scene, count: int) -> None:
@@ -96,7 +96,7 @@ class ClearanceLimits(Statics):
         )
 
     def allows(self, place: ChoicePlace) -> bool:
-        """Return whether every pair keeps its room."""
+        """Return whether every pair has its required room."""
         k, pair, room = self._pairs.find(place.path[0], SLOT_ROOM)
         other = ~(self._slots[k] == pair[:, None]).any(axis=1)  # those in slots are limited by their slacks
         k, pair, room = k[other], pair[other], room[other]
@@ -199,16 +199,16 @@ def find_near(
     """Find the pairs with less room than a bound, and return their number.
 
     memory (updated): ends of the capsules (k, m, 2, 3), how far each capsule has moved (k, m), and a lower bound on the room of
-    each pair plus the way of its capsules until it was found (k, pairs) [m], or 0 if none is known. blocks: where the blocks of
-    pairs begin, the least of these bounds in each (k, blocks) (updated), and spheres around the shapes of each link (n + 1, 4).
-    found (written): configurations, pairs, rooms.
+    each pair plus the distance that its capsules had moved when it was computed (k, pairs) [m], or 0 if none is known. blocks:
+    where the blocks of pairs begin, the least of these bounds in each (k, blocks) (updated), and spheres around the shapes of
+    each link (n + 1, 4). found (written): configurations, pairs, rooms.
 
     Shapes and units: q (k, n) [rad, m], margin, within [m].
     """
     (link, a, b, radius), scene, pairs = bodies
     (places, moved, known), (begin, least, balls) = memory, blocks
     frame, spheres, count = np.empty((q.shape[1], 4, 4)), np.empty((link.shape[0], 4)), 0
-    ahead = np.zeros(link.shape[0])  # a bound from the configuration before becomes one from this one by adding it
+    ahead = np.zeros(link.shape[0])  # added to a stored bound of the previous configuration, gives one of this
     for k in range(q.shape[0]):
         kinematics.frames(chain, q[k], frame)
         at = places[k]

@@ -1,4 +1,4 @@
-"""Derivatives of the limited values in a path's coefficients, from those in q, …, q''' at each grid point; compiled."""
+"""Derivatives of the constraint values in a path's coefficients, from those in q, …, q''' at each grid point; compiled."""
 
 from __future__ import annotations
 
@@ -38,10 +38,10 @@ def trace(chain: Chain, poses: Array, twists: Array, rows: Array, values: Array,
 
 @compiled
 def joint_changes(chain: Chain, rows: Array, fields: Array, path: Array, h: Array) -> None:
-    """Write the joints' motion h (k, 4, D, n) by a unit of each coordinate, and its derivatives along the path.
+    """Write the joints' motion h (k, 4, D, n) per unit of each coordinate, and its derivatives along the path.
 
-    With screws S, fields E of the tool's coordinates and constant rows N of null-space ones, S h = E and N h = 0 for the first,
-    S h = 0 and N h = 1 for the latter; the derivatives follow by the product rule.
+    With screws S, fields E of the tool's coordinates and constant rows N of null-space ones, S h = E and N h = 0 for the tool's
+    coordinates, S h = 0 and N h = 1 for those of the null space. The derivatives follow by the product rule.
 
     Shapes and units: rows (r, n), fields (k, d, 4, 6), D = d + r, path (4, k, n).
     """
@@ -107,7 +107,7 @@ def tool_changes(chain: Chain, path: Array, twist: Array, change: Array) -> None
 
 
 class Scales(NamedTuple):
-    """Factors of the limited values, 1 over their limits, in the units of the problem; 0 where free.
+    """Factors of the constraint values, 1 over their limits, in the units of the problem; 0 where free.
 
     speed (K + 1, n) of q' v, acceleration (n,), jerk (n,), torque (L, K + 1, n), rate (L, n), viscous (L, n) [N·m·s/rad], tool
     (K + 1, 2) of squared speeds, range (n,) of q; peak (K + 1,) is the time after which the speed peaks, time (3,) the units
@@ -316,7 +316,7 @@ def fill(
 ) -> None:  # fmt: skip
     """Write the columns (K + 1, m + 2 e, W) of all limits, and the cross derivatives (K, 5, W) of `border.Border`.
 
-    y (K + 1, m + 2 e) are the multipliers of the limited values.
+    y (K + 1, m + 2 e) are the multipliers of the constraint values.
     """
     K, n = z.shape[0] - 1, scales.jerk.shape[0]
     e = n * (1 + scales.rate.shape[0])

@@ -1,4 +1,4 @@
-"""First paths around obstacles: proved polylines between the points of a joint path, their corners rounded."""
+"""Initial paths around obstacles: proved polylines between the points of a joint path, their corners rounded."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ SPANS_PER_EDGE, FEWEST_SPANS = 2, 4
 SPAN_SAMPLES_FREE = 8
 """Configurations in each span that are examined."""
 MOST_ROUNDINGS = 8
-"""Most times that spans are halved where the spline touches: the polyline itself is free."""
+"""Most times that spans are halved where the spline is in contact. The polyline is collision-free."""
 HALVED_AROUND = 2
-"""Spans before and after a touching one that are halved too, since their control points bend it."""
+"""Spans before and after one in contact that are halved too, since their control points bend it."""
 
 
 DEFAULT_SEARCH = "rrt_connect"
@@ -43,7 +43,7 @@ DEFAULT_SEARCH = "rrt_connect"
 MOST_WAYS = 3
 """Most initial paths around the obstacles that a plan tries."""
 MOST_AVOIDED_PAIRS = 200_000
-"""Most pairs of shapes of a plan around obstacles, each with a room at every grid point: half a gigabyte."""
+"""Most pairs of shapes of a plan around obstacles, each with a clearance at every grid point: half a gigabyte."""
 STRAIGHT_DISTANCE = 1e-5
 """Distance of the goal from the start [rad, m] up to which the straight path is taken."""
 VIA_ADVICE = "another via point, or a smaller margin"
@@ -57,7 +57,7 @@ MORE_SAMPLES_ADVICE = (
 
 
 class FirstPath(NamedTuple):
-    """A first path around obstacles, or why there is none; and the samples of its searches."""
+    """An initial path around obstacles, or the reason for none; and the samples of its searches."""
 
     found: PointToPoint | PlanFailure
     samples: int
@@ -133,9 +133,10 @@ def advise_elbow(failure: PlanFailure | None, path: Path, robot: Robot) -> PlanF
 def find_first_paths(
     path: PointToPoint, scene: Scene, search: SearchLike, winding: str
 ) -> Iterator[FirstPath]:  # fmt: skip
-    """Yield first paths from the start of a path through its via points to its goal: of one search, then of others.
+    """Yield initial paths from the start of a path through its via points to its goal: of one search, then of others.
 
-    A pose is reached in the configuration that the search finds. Paths can be reversed, so no other leads farther.
+    A pose is reached in the configuration that the search finds. Paths can be reversed, so another configuration of the pose
+    reaches no further goals.
     """
     targets = [*(via.q for via in path.vias), path.coefficients[-1]]
     if path.points:  # unless it is from a file
@@ -173,7 +174,7 @@ def _explain(found: SearchResult, i: int, s: float, last: bool) -> PlanFailure:
 
 
 def round_corners(path: PointToPoint, legs: list[Array], scene: Scene) -> PointToPoint:
-    """Return a spline near the polylines of the legs, through the via points and free at samples, with few spans."""
+    """Return a spline near the polylines of the legs, through the via points and collision-free at samples."""
     corners = np.concatenate([legs[0][:1], *(leg[1:] for leg in legs)])
     s = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1)))
     parts = max(SPANS_PER_EDGE, -(-FEWEST_SPANS // (len(s) - 1)))
@@ -192,7 +193,7 @@ def round_corners(path: PointToPoint, legs: list[Array], scene: Scene) -> PointT
 
 
 def _find_touching(path: PointToPoint, knots: Array, scene: Scene) -> Flags:
-    """Return which spans touch something at their samples, start and goal aside."""
+    """Return which spans are in contact at their samples; the start is not examined."""
     u = np.arange(SPAN_SAMPLES_FREE) / SPAN_SAMPLES_FREE
     s = (knots[:-1, None] + np.diff(knots)[:, None] * u).ravel()
     room = find_nearest_pairs(path.robot, scene, path.configurations(path.robot, s))[0]

@@ -25,7 +25,7 @@ from planners.timing.interior_point.programme import SHORTEST_INTERVAL, TimingPr
 SPEED_PEAK = 1.0 / 3.0
 """Fraction of an interval after which the speed of a motion peaks whose acceleration reverses inside it."""
 LEAST_RANGE = 1e-6
-"""Least room [rad, m, as the limit] that a static part leaves of a limit: less makes the limit unattainable."""
+"""Least slack [rad, m, as the limit] that a static part leaves of a limit: less makes the limit unattainable."""
 
 NO_SPEED_LIMIT = 1e6
 """Bound on the speed in units of the problem: speeds have rows here, since the bound of all joints together has kinks."""
@@ -52,7 +52,10 @@ class ChoicePlace(NamedTuple):
 
 
 class Statics(ABC):
-    """Further limits on the path alone, in rows of the grid points; each value is at most 1."""
+    """Further limits on the path alone, in rows of the grid points.
+
+    A constraint value is a value over its limit, at most 1.
+    """
 
     count: int
     bends: int
@@ -150,7 +153,7 @@ class FreeProgramme:
         points = PathPoints(self.line, self.s, (path[0], path[1], path[2], path[3]))
         return ChoicePlace(p, path, points, fields)
 
-    # ------------------------------------------------------------ limited values
+    # ------------------------------------------------------------ constraint values
 
     def _make_scales(self, given: TimingProblem) -> tuple[Scales, Array, Array]:
         """Return the factors of the limits; the offsets of accelerations (n,), and those of torques (L, K + 1, n)."""
@@ -245,7 +248,7 @@ class FreeProgramme:
         return make_border(columns, cross, bends, self.begin, self.stay, np.zeros((self.window.free.size, self.D)))
 
     def fill(self, place: ChoicePlace, z: Array, y: Array, border: Border) -> None:
-        """Write the derivatives of the limited values in the coefficients, with multipliers y (K + 1, m + 2 e)."""
+        """Write the derivatives of the constraint values in the coefficients, with multipliers y (K + 1, m + 2 e)."""
         K, n, scales, chain = self.K, self.n, self.scales, self.robot.chain
         joints = np.empty((0, 4, self.D, n))
         if self.tool is not None:
@@ -281,7 +284,7 @@ class FreeProgramme:
         return np.concatenate(points), np.concatenate(rows)
 
     def gather(self, y: Array, border: Border) -> Array:
-        """Return Σ y ∂c/∂p (P,) over all limited values, from the columns of a border."""
+        """Return Σ y ∂c/∂p (P,) over all constraint values, from the columns of a border."""
         part = np.einsum("kr,krw->kw", y[:, : self.rows], border.columns[:, : self.rows])
         part[:-1] += np.einsum("kr,krw->kw", y[:-1, self.rows :], border.columns[:-1, self.rows :])
         total = np.zeros(self.window.free.size + self.width)

@@ -18,17 +18,16 @@ MOST_FREE_STEPS, STEP_HALVINGS = 150, 12
 ROUGH_RESIDUAL = 0.05
 """Residual per grid point below which a duration that is short enough ends the iteration."""
 LEAST_PROGRESS, SLOW_STEPS, SMALL_WEIGHT, SMALL_RESIDUAL = 1e-3, 10, 5e-3, 1e-2
-"""The iteration ends if the duration changed by less than a fraction in so many steps, at a weight below the third, with a
-residual below the last at each grid point: the law solves the path found again."""
+"""The iteration ends if the duration changed by less than the fraction `LEAST_PROGRESS` in `SLOW_STEPS` steps, with a weight
+below `SMALL_WEIGHT` and a residual per grid point below `SMALL_RESIDUAL`: the law solves the path found again."""
 SLOWEST_START = 1.5
 """Largest factor by which the initial guess is slowed."""
 LONGEST_STEPS = (1.0, 0.3)
-"""Longest step of a coefficient [rad, m], of the first attempt and of one after it failed: the limited values are not linear
+"""Longest step of a coefficient [rad, m], of the first attempt and of one after it failed: the constraint values are not linear
 farther away. A longer step is damped."""
 CLOSE_STEP, CLOSE_CHANGE, SHORT_STEP = 0.2, 5e-3, 0.3
-"""Longest step of a coefficient [rad, m] and largest change of the duration, as a fraction of it, after which the barrier's
-weight falls; and the fraction of the possible length below
-which an accepted step counts as short."""
+"""The weight of the barrier falls after a step of the coefficients up to `CLOSE_STEP` [rad, m] that changes the duration by up
+to the fraction `CLOSE_CHANGE`. An accepted step counts as short below the fraction `SHORT_STEP` of the possible length."""
 STUCK_LENGTH, STUCK_STEPS = 1e-3, 10
 """A weight of the barrier has failed after so many steps in a row of which less than this fraction was possible."""
 LEAST_INERTIA = 1e-6
@@ -65,7 +64,7 @@ class FreeSolution(NamedTuple):
 
 
 class _Box:
-    """The bounds of the coefficients as limited values c in [−1, 1], with their slacks and multipliers."""
+    """The bounds of the coefficients as constraint values c in [−1, 1], with their slacks and multipliers."""
 
     def __init__(self, bounds: Bounds, free: Flags, p: Array, mu: float) -> None:
         self.discs, self.free = bounds.discs, free.reshape(p.shape)
@@ -82,7 +81,7 @@ class _Box:
         self.active = np.concatenate([bounded, np.repeat(rows, len(self.discs), axis=1)], axis=1)
 
     def values(self, p: Array) -> Array:
-        """Return the limited values (C, D + discs)."""
+        """Return the constraint values (C, D + discs)."""
         discs = [((p[:, d] ** 2 + p[:, d + 1] ** 2) / radius**2)[:, None] for d, radius in self.discs]
         return np.concatenate([(p - self.middle) * self.factor, *discs], axis=1)
 

@@ -13,7 +13,7 @@ from planners.paths.poses import skew_vector
 from planners.paths.spline import DEGREE, PASSED
 
 EXACT_WITHIN = 1e-6
-"""Half width of the limits on each joint at a via configuration that is passed exactly [rad, m]; the rest is projected away."""
+"""Half width of the limits on each joint at a via configuration that is passed exactly [rad, m]; the residual is removed."""
 VIA_FRACTION = 0.999
 """Fraction of a via point's tolerance that its path may use; the error of the motion uses the remaining part."""
 PASSING_STEPS = 10
@@ -21,7 +21,7 @@ PASSING_STEPS = 10
 
 
 class ViaLimits(Statics):
-    """√(1 + 3 x²) − 1 of the tool's distance x and of its angle over the tolerance, or the joints where exact.
+    """Limits at via points: √(1 + 3 x²) − 1 with x = distance / tolerance and angle / tolerance; if exact, each joint.
 
     Each via point stands at the grid point before it, whose window has all coefficients of its span.
     """

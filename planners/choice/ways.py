@@ -23,15 +23,15 @@ from planners.search.base import Search, SearchLike
 from planners.timing.optimal import Optimum
 
 ENOUGH_GAIN = 0.01
-"""Fraction by which the motion chosen around obstacles is shorter than that along its initial path, below which another initial
-path is tried: where little is gained, the obstacles hold the path on a long way around."""
+"""If the chosen motion is shorter by less than this fraction than the motion along its initial path, another initial path is
+tried."""
 DENSITIES = (1.0, 2.0)
 """Grid intervals around obstacles, as multiples of the law's default: between few grid points, bent paths exceed limits."""
 ENOUGH_NEAR, FAST, NOT_FAR = 1.005, 1.01, 1.1
-"""Ratios of a duration to the least one of a joint move. Up to the first, the coarse grid suffices. Up to the second, an
-iteration ends, and the law shortens the motion along its path. Up to the third, the fine grid starts from the coarse result."""
+"""Ratios of a duration to the least one of a joint move. Up to `ENOUGH_NEAR`, the coarse grid suffices. Up to `FAST`, an
+iteration ends, and the law shortens the motion along its path. Up to `NOT_FAR`, the fine grid starts from the coarse result."""
 MAY_GAIN = 1.05
-"""Ratio of the duration on the coarse grid to that from another initial path, up to which the fine grid is tried."""
+"""Largest ratio of the duration on the coarse grid to the best one of other initial paths for which the fine grid is tried."""
 
 
 class TimedPlan(Timed, Protocol):

@@ -26,7 +26,7 @@ from planners.trajectory.curve import chain_rows
 class DerivativeLimit(Limit):
     """A limit on a time derivative of every joint, judged by the exact extrema of the polynomials inside the pieces.
 
-    The peak value is infinite where a lower derivative jumps.
+    The peak value is infinite where a lower derivative is discontinuous.
     """
 
     def rows(self, at: PathPoints, bound: Array) -> Array:
@@ -82,7 +82,7 @@ def _nearest_side(extrema: Extrema, bound: Array) -> Extreme:
 
 
 def _infinite_at_jumps(motion: LimitedMotion, order: int, extreme: Extreme, jumps: Flags, bound: Array) -> Extreme:
-    """Return an extreme with infinite values at the largest jump of each joint whose derivative of this order jumps."""
+    """Return an extreme with infinite values at the largest discontinuity of this order of each joint that has one."""
     size = np.where(jumps, np.abs(motion.steps(order)), 0.0)
     jumping = jumps.any(axis=0)
     when = motion.trajectory.knots[size.argmax(axis=0)]
@@ -251,7 +251,7 @@ def _senses(at: PathPoints) -> tuple[Array, Array]:
 
 
 class TorqueRate(LoadedLimit):
-    """Torque-rate limit of each joint; the rate excludes Coulomb friction, which jumps where a joint reverses."""
+    """Torque-rate limit of each joint; the rate excludes Coulomb friction, which is discontinuous where a joint reverses."""
 
     name: ClassVar[str] = "torque_rate"
     units: ClassVar[tuple[str, str]] = ("N·m/s", "N/s")

@@ -130,7 +130,7 @@ class MotionPlanner:
         return replace(found, freedom=best.freedom, search=made, failure=failure)
 
     def _finish(self, found: Plan, duration: float | None, density: float = 1.0) -> Plan:
-        """Return a plan along a chosen path with the duration that is asked for, if it meets its via points."""
+        """Return a plan along a chosen path with the requested duration, if it meets its via points."""
         if duration is not None and found:
             found = self.time(found.path, FollowResult(found.joint_path, None), duration, density)[0]
         if isinstance(found.path, PointToPoint) and (missed := found.path.list_missed()):

@@ -24,8 +24,8 @@ from planners.trajectory.curve import apply_chain_rule, find_times, quintic
 NO_JOINT_MOTION = 1e-11
 """Motion of a joint, or of what another limit bounds, that is rounding error [rad, m]: limits on it are ignored."""
 NODE_APART, BRIEF_MOTION = 2e-3, 0.1
-"""Least time [s] between a knot for a node of the path and any other knot, and the duration [s] below which it shrinks with the
-motion: shorter pieces of a quintic amplify the rounding of q in the jerk."""
+"""`NODE_APART` is the least time [s] between a knot for a node of the path and any other knot: shorter pieces of a quintic
+amplify the rounding of q in the jerk. It decreases in proportion to the duration of motions shorter than `BRIEF_MOTION` [s]."""
 SHORTEST_PIECE = 1e-3
 """Shorter pieces [s] are not halved: rounding in q outweighs the gain of a knot."""
 REFINEMENT_ROUNDS = 6
@@ -66,11 +66,11 @@ class TimeLaw(ABC):
 
     name: ClassVar[str] = ClassName()  # type: ignore[assignment] # read as a str
     enforced: ClassVar[tuple[str, ...]]
-    """The limits that the law enforces; the certificate judges exactly these."""
+    """The limits that the law enforces. The certificate also judges those of `list_enforced` and those that the caller gave."""
     counts_torque: ClassVar[bool] = False
     """Whether the law itself respects torques; then acceleration limits are optional if the torque is limited."""
     speed: float | None = None
-    """The requested tool speed [m/s; rad/s for a pure rotation], which must not change after the law; or None."""
+    """The requested tool speed [m/s; rad/s for a pure rotation], which stretching the motion must not change; or None."""
 
     @abstractmethod
     def _time(self, joint_path: JointPath, limits: MotionLimits) -> Trajectory | MotionAnalysis:

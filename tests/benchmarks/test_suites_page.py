@@ -192,7 +192,7 @@ def test_the_suite_on_the_page_runs_on_own_poses_and_an_own_seam(own: Path) -> N
 
 def section(title: str) -> str:
     """The part of the page under a heading, or after a line, that begins so."""
-    found = re.search(rf"^(?:#+ )?{re.escape(title)}.*?\n(.*?)(?=^#|^`line\.|\Z)", PAGE, re.MULTILINE | re.DOTALL)
+    found = re.search(rf"^(?:#+ )?{re.escape(title)}.*?\n(.*?)(?=^#|^`BLOCK\.|\Z)", PAGE, re.MULTILINE | re.DOTALL)
     assert found, title
     return found[1]
 
@@ -217,7 +217,7 @@ def test_the_page_has_the_columns_of_every_table_of_a_run(own: Path, small_run: 
         executed[title] = set(EXECUTED[what].fields) - executed["All executions"]
     found |= executed
     found |= {
-        f"`line.{t}": set(pl.read_parquet(small_run.path / f"rows/timing/line.{t}.parquet").columns)
+        f"`BLOCK.{t}.parquet": set(pl.read_parquet(small_run.path / f"rows/timing/line.{t}.parquet").columns)
         for t in ("joints", "tool")
     }
     for title, columns in found.items():

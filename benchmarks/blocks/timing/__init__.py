@@ -118,7 +118,7 @@ class _Timing(Kind):
                 for entry in entries:
                     make_law(entry.name, **entry.options).need(told(limits.of(arm), entry), arm)
         for peer in block.peers:
-            load_method(TIMING_PEERS, peer.name, "peer of timing")
+            load_method(TIMING_PEERS, peer.name, "peer of time laws")
         for part in block.lines:
             with naming(f"block {block.id!r}"):
                 if part.path or part.kind == GIVEN_LINE:

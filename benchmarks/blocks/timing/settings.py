@@ -60,7 +60,7 @@ class LineSet(Settings):
         "Straight lines (`regular`, `near_singular`), `arc`, `seam` (a polyline), `joints` (straight in joint space), a given "
         "`line`, or a `file`."
     )
-    count: Count = key("Number of motions; required, but for the kinds `line` and `file`.", 1)
+    count: Count = key("Number of motions; required, except for the kinds `line` and `file`.", 1)
     start_deg: Joints = key("For the kind `line`: the start configuration.", (), "degrees, mm")
     move_m: Three = key("For the kind `line`: from its start to its end, in the base frame.", (0.0, 0.0, 0.0), "m")
     path: str = key("For the kind `file`: a table of waypoints, or a motion that `planners.save` wrote.", "")
@@ -189,14 +189,14 @@ class LawBlock(Block):
     measures = MEASURES
     not_problems = frozenset({"plan", "detail"})
 
-    lines: Annotated[tuple[LineSet, ...], LISTED, AfterValidator(_different_sets)] = key("Sets of motions.")
+    lines: Annotated[tuple[LineSet, ...], LISTED, AfterValidator(_different_sets)] = key("Sets of motions (lines).")
     limits: Annotated[tuple[LimitSet, ...], LISTED, AfterValidator(check_labels)] = key(
         "Limits of the joints and of the tool; each motion is timed within each."
     )
     laws: Annotated[tuple[Entry, ...], Entries(Law)] = key("Time laws of ours.")
-    peers: Annotated[tuple[Entry, ...], Entries(LawPeer)] = key("Time laws of other packages.", ())
+    peers: Annotated[tuple[Entry, ...], Entries(LawPeer)] = key("Peers of time laws.", ())
     reference: Annotated[Entry | None, Entries(Law, single=True, role="reference")] = key(
-        "Law whose duration is the optimum T* unless a shorter motion is within all limits.", None
+        "Law for T*, the shortest known duration; a shorter motion of another law within all limits replaces it.", None
     )
     plan: str = Field(
         default_factory=lambda given: given["laws"][0].label,

@@ -91,7 +91,7 @@ def enter_laws(
 def _facts(entry: Entry) -> dict[str, Any]:
     """Return the facts on a law or a peer, for the report."""
     if entry.role == "peer":
-        peer: type[TimingPeer] = load_method(TIMING_PEERS, entry.name, "peer of timing")
+        peer: type[TimingPeer] = load_method(TIMING_PEERS, entry.name, "peer of time laws")
         return facts_on(entry) | peer.facts()
     enforced = [name for name in make_law(entry.name, **entry.options).enforced if name not in entry.without]
     return facts_on(entry, enforced=enforced)

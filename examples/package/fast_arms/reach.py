@@ -43,7 +43,7 @@ FIELDS = {
 
 
 class Reach(Kind):
-    """The rows of a block: one for each point and method."""
+    """A kind of block: one row for each point and method."""
 
     name = "reach"  # as the entry point says; also the key of a suite, [[reach]]
     title = "Reach of a box"

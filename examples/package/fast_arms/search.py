@@ -14,7 +14,7 @@ class RandomSearch(IKSolver):
     name = "random_search"  # as the entry point says
 
     def attempt(self, target, start, trace, time_limit):
-        """Try once from the start."""
+        """Return one attempt from the initial guess."""
         robot, rng, q, size = self.robot, np.random.default_rng(0), start.copy(), 0.3
         error = np.linalg.norm(se3.error(robot.fk(q), target))
         for k in range(self.max_iterations):
