@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any
 from rich.padding import Padding
 from rich.table import Column, Table
 
-from benchmarks.cli.command import JsonCommand, RobotCommand, argument, load_or_error, option, out_console, print_json
+from benchmarks.cli.command import JsonCommand, RobotCommand, argument, option, out_console, print_json
+from benchmarks.cli.readers import load_or_error
 from optik.errors import InvalidInput, OutputError
 from optik.file_io import check_suffix
 from optik.plugins.files import CODE, is_path, split_links

@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import MISSING, dataclass, field, fields
 from inspect import Parameter, Signature
-from itertools import cycle, islice, takewhile
+from itertools import takewhile
 from typing import Annotated, Any, NamedTuple, get_type_hints
 
 import numpy as np
@@ -17,7 +17,8 @@ from rich.console import Console
 from typer.core import TyperCommand
 
 import optik
-from optik.arm.model import unit_factors, unit_names
+from benchmarks.cli.readers import format_numbers, read_bound, read_configuration, read_held, read_numbers, sample_start
+from optik.arm.model import unit_factors
 from optik.arm.tips import TIP_ADVICE
 from optik.errors import InvalidInput, RobotModelError
 from optik.plugins.files import is_path
@@ -51,8 +52,6 @@ ALLOW_HELP = (
 )
 """Help of ``--allow``."""
 
-START_SAMPLES = 64
-"""Number of random configurations; the best-conditioned one is the start of an arm without home_deg."""
 
 # ---------------------------------------------------------------- commands
 
@@ -311,123 +310,6 @@ def join_options(limits: Sequence[str], with_values: bool) -> str:
         if with_values
         else ", ".join(f"--{name}" for name in limits)
     )
-
-
-# ---------------------------------------------------------------- readers
-
-
-def read_configuration(arm: optik.Robot, text: str, name: str = "--start-deg") -> Any:
-    """Read a configuration given in degrees, prismatic joints in millimetres."""
-    values = read_joint_values(arm, text, name)
-    q = values / unit_factors(arm)
-    lower, upper = arm.limits.lower, arm.limits.upper
-    if not arm.limits.contains(q):
-        i = int(np.argmax(np.maximum(lower - q, q - upper)))
-        scale, unit = unit_factors(arm)[i], unit_names(arm)[i]
-        room = f"within [{lower[i] * scale:g}, {upper[i] * scale:g}]{unit}, its range"
-        raise InvalidInput(name, f"{arm.joint_names[i]} = {values[i]:g}{unit}", f"{arm.joint_names[i]} {room}")
-    return q
-
-
-def read_joint_values(arm: optik.Robot, text: str, name: str) -> Any:
-    """Read one finite number per joint."""
-    values = read_numbers(text, name, arm.n, what=f"joint values of {arm.name} [degrees, prismatic mm]")
-    return arm.configuration(values, name)
-
-
-def read_numbers(text: str, name: str, *counts: int, what: str = "numbers") -> list[float]:
-    """Read numbers separated by commas or spaces; `counts` are the permitted numbers of them."""
-    such = ",".join(islice(cycle(("1", "-2.5", "3")), counts[0] if counts else 3))
-    expected = f"{' or '.join(map(str, counts)) or 'one or more'} {what} in one argument, such as {such}"
-    try:
-        values = [float(word) for word in text.replace(",", " ").split()]
-    except ValueError:
-        raise InvalidInput(name, repr(text), expected) from None
-    if not values or (counts and len(values) not in counts):
-        raise InvalidInput(name, f"{text!r}, {len(values)} number{'s' * (len(values) != 1)}", expected)
-    return values
-
-
-def read_bound(text: str, name: str) -> Any:
-    """Read the bound of a limit: one number, or several as a list."""
-    values = read_numbers(text, name)
-    return values if len(values) > 1 else values[0]
-
-
-def read_held(texts: list[str] | None) -> dict[str, float] | None:
-    """Read JOINT=VALUE of held joints [rad, m]; None if there are none."""
-    found: dict[str, float] = {}
-    for text in texts or ():
-        name, equals, value = (word.strip() for word in text.rpartition("="))
-        if not equals or not name or name in found:
-            raise InvalidInput("--hold", repr(text), "JOINT=VALUE, each joint once, such as gripper=0.3")
-        found[name] = read_numbers(value, "--hold", 1)[0]
-    return found or None
-
-
-def read_freedoms(arm: optik.Robot, texts: list[str]) -> dict[str, Any]:
-    """Read NAME[=RANGE] of freedoms, in degrees or mm; return their bounds [rad, m], or True for none."""
-    from planners.freedom import freedom_of
-
-    found: dict[str, Any] = {}
-    for text in texts:
-        name, equals, value = (word.strip() for word in text.partition("="))
-        kind = freedom_of(name)
-        factor, unit, most = (np.pi / 180.0, "degrees", ", at most 180") if kind.unit == "rad" else (1e-3, "mm", "")
-        typed = (
-            f"{name}=RADIUS above 0{most} [{unit}]" if kind.round else f"{name}, {name}=90 or {name}=-90:45 [{unit}]"
-        )
-        if name in found:
-            raise InvalidInput("--free", f"{name} twice", "each freedom once")
-        if not kind.screws and arm.n <= 6:
-            raise InvalidInput(
-                "--free", f"{name} for {arm.name} with {arm.n} joints", "an arm with more than six joints"
-            )
-        try:
-            bounds = tuple(float(word) * factor for word in value.split(":") if equals)
-            found[name] = True if not equals else bounds[0] if len(bounds) == 1 else bounds
-            kind.check(found[name])
-        except (ValueError, InvalidInput):
-            order = "" if kind.round else ", the lower bound first" + ("" if kind.screws else f", {name}=0 inside")
-            raise InvalidInput("--free", repr(text), f"{typed}{order}") from None
-    return found
-
-
-def format_numbers(values: Any) -> str:
-    """Return numbers as one argument of a command, rounded to 0.001."""
-    return ",".join(f"{round(float(value), 3) + 0.0:g}" for value in values)
-
-
-def sample_start(arm: optik.Robot) -> Any:
-    """Return the best-conditioned of 64 fixed random configurations inside the joint ranges and without self-contact."""
-    q = np.round(arm.limits.sample(np.random.default_rng(0), START_SAMPLES) * unit_factors(arm), 1) / unit_factors(arm)
-    q = arm.limits.clip(q)
-    if arm.shapes is not None and not arm.shapes.unread:
-        from optik.scene.contact import find_nearest_pairs
-
-        free = find_nearest_pairs(arm, optik.Scene(), q)[0] > 0.0
-        q = q[free] if free.any() else q
-    sigma = arm.singular_values(q)
-    return q[np.argmax(sigma[:, -1] / sigma[:, 0])]
-
-
-def read_allowed(texts: list[str] | None) -> tuple[str, ...]:
-    """Return the words of ``--allow``; raises InvalidInput for one that does not exist."""
-    from planners.certificate.violation import check_allow
-
-    words = [word.strip() for text in texts or () for word in text.split(",")]
-    try:
-        return check_allow(words)
-    except InvalidInput as error:
-        raise InvalidInput("--allow", ", ".join(words), error.expected) from None
-
-
-def load_or_error(load: Callable[[str], Any], name: str) -> Any:
-    """Load a named object, or return the error: a broken plug-in must not prevent a list of the others."""
-    try:
-        return load(name)
-    except Exception as error:  # a package may raise anything
-        return error
 
 
 def translate(words: str) -> str:

@@ -26,11 +26,10 @@ from benchmarks.cli.command import (
     option,
     out_console,
     print_json,
-    read_allowed,
-    read_configuration,
     translate,
-)  # fmt: skip
+)
 from benchmarks.cli.plan import MOTION_SUFFIXES, SceneCommand
+from benchmarks.cli.readers import read_allowed, read_configuration
 from optik.arm.model import unit_factors, unit_names
 from optik.errors import InvalidInput, NoSolution
 from optik.file_io import write_atomically

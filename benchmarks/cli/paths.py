@@ -10,17 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from benchmarks.cli.command import (
-    Start,
-    TableCommand,
-    argument,
-    numbers,
-    option,
-    read_configuration,
-    read_freedoms,
-    read_numbers,
-)  # fmt: skip
+from benchmarks.cli.command import Start, TableCommand, argument, numbers, option
 from benchmarks.cli.plan import PlanCommand, choose_branch
+from benchmarks.cli.readers import read_configuration, read_freedoms, read_numbers
 from optik.errors import InvalidInput
 from optik.registry import names
 from optik.types import Array

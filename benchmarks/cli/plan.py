@@ -19,15 +19,12 @@ from benchmarks.cli.command import (
     RobotCommand,
     Start,
     err_console,
-    format_numbers,
     numbers,
     option,
     out_console,
     print_json,
-    read_allowed,
-    read_bound,
-    read_numbers,
 )
+from benchmarks.cli.readers import format_numbers, read_allowed, read_bound, read_numbers
 from optik.arm.model import unit_factors
 from optik.check import check_number
 from optik.errors import InvalidInput

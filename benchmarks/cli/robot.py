@@ -17,15 +17,13 @@ from benchmarks.cli.command import (
     StartCommand,
     argument,
     err_console,
-    load_or_error,
     numbers,
     option,
     optional,
     out_console,
     print_json,
-    read_joint_values,
-    read_numbers,
 )
+from benchmarks.cli.readers import load_or_error, read_joint_values, read_numbers
 from optik.arm.limits import LIMIT_TOLERANCE
 from optik.arm.model import unit_factors, unit_names
 from optik.arm.robot import Robot

@@ -1,4 +1,4 @@
-"""Robots of other packages: descriptions of `robot_descriptions`, which downloads them, and xacro files, by `xacrodoc`."""
+"""Robots of other programs: URDF and xacro files with options, and descriptions that `robot_descriptions` downloads."""
 
 from __future__ import annotations
 
@@ -6,13 +6,25 @@ import importlib
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+from optik.arm.robot import Robot
 from optik.errors import InvalidInput, MissingDependency
 from optik.plugins.files import check_code_allowed
 
 PREFIX = "robot_descriptions:"
 """Begin of the name of a description: ``robot_descriptions:panda_description``."""
+
+
+URDF = (".urdf", ".xml", ".xacro")
+"""Suffixes of URDF files, and of xacro files, which are expanded."""
+URDF_OPTIONS = {"tip", "base", "gravity", "shapes", "packages", "srdf", "without_shape"}
+"""Options that may follow the path of a URDF."""
+URDF_SYNTAX = (
+    "options of a URDF, joined by &: tip=LINK, base=LINK, gravity=X,Y,Z, shapes=yes, packages=FOLDER, srdf=FILE, "
+    "without_shape=LINK"
+)
+"""Syntax of these options, for messages."""
 
 
 class Description(NamedTuple):
@@ -60,3 +72,53 @@ def expand_xacro(file: Path, arguments: Mapping[str, str], packages: Sequence[st
     except Exception as error:  # xacro raises what its expressions raise
         words = " ".join(str(error).split())[:160] or type(error).__name__
         raise InvalidInput("robot", f"{file.name}: {words}", "a xacro file that can be expanded") from error
+
+
+def load_description(name: str, links: dict[str, Any]) -> Robot:
+    """Read a robot of the package `robot_descriptions`, with options of its URDF."""
+    made = find_description(name)
+    return load_urdf(made.file, links, made.arguments, made.packages)
+
+
+def load_urdf(
+    file: Path, links: dict[str, Any], arguments: Mapping[str, str] | None = None, folders: Sequence[str] = ()
+) -> Robot:
+    """Read a robot from a URDF or a xacro file, with arguments for xacro and folders of its packages."""
+    options = _urdf_options({key: value for key, value in links.items() if key in (*URDF_OPTIONS, "values")})
+    others = {key: value for key, value in links.items() if key not in (*URDF_OPTIONS, "values")}
+    packages = [*folders, *options.pop("package_dirs", ())]
+    source: str | Path = file
+    if file.suffix.lower() == ".xacro":
+        source = expand_xacro(file, {**(arguments or {}), **others}, packages)
+    elif others:
+        raise InvalidInput("robot", "&".join(f"{key}={value}" for key, value in others.items()), URDF_SYNTAX)
+    try:
+        return Robot.from_urdf(source, package_dirs=packages if packages and options["shapes"] else None, **options)
+    except InvalidInput as error:
+        where = f"robot {str(file)!r}" if error.argument == "source" else error.argument
+        raise InvalidInput(where, error.got, error.expected, advice=error.advice) from None
+
+
+def parse_urdf_options(text: str) -> dict[str, str]:
+    """Parse the options behind a URDF's path, ``tip=tool0&base=base_link``; others are arguments of xacro."""
+    links = dict(part.partition("=")[::2] for part in text.split("&")) if text else {}
+    if not all(links) or not all(links.values()) or links.get("shapes", "yes") not in ("yes", "no"):
+        raise InvalidInput("robot", repr(text), URDF_SYNTAX)
+    return links
+
+
+def _urdf_options(links: dict[str, Any]) -> dict[str, Any]:
+    """Return the arguments of `Robot.from_urdf` for the options of a path; any option of shapes implies shapes=yes."""
+    options: dict[str, Any] = {key: value for key, value in links.items() if key not in ("packages", "shapes")}
+    if isinstance(text := links.get("gravity"), str):
+        try:
+            options["gravity"] = [float(word) for word in text.split(",")]
+        except ValueError:
+            raise InvalidInput("gravity", repr(text), "three numbers, X,Y,Z") from None
+    if isinstance(text := links.get("without_shape"), str):
+        options["without_shape"] = text.split(",")
+    if "packages" in links:
+        options["package_dirs"] = [links["packages"]]
+    implied = "yes" if {"srdf", "packages", "without_shape"} & set(links) else "no"
+    options["shapes"] = links.get("shapes", implied) == "yes"
+    return options

@@ -73,7 +73,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optik import se3
-from optik.arm.foreign import PREFIX, expand_xacro, find_description
+from optik.arm.foreign import PREFIX, URDF, load_description, load_urdf, parse_urdf_options
 from optik.arm.inertia import STANDARD_GRAVITY, Inertia
 from optik.arm.limits import DYNAMIC_LIMITS, JointLimits, warn_of_degrees
 from optik.arm.model import DHRow
@@ -90,17 +90,8 @@ from optik.types import Array
 
 ROBOTS = "optik.robots"
 """Name of the group of robots."""
-URDF = (".urdf", ".xml", ".xacro")
-"""Suffixes of URDF files, and of xacro files, which are expanded."""
 RADIANS_PER_DEGREE = pi / 180.0
 """Factor from the degrees of data sheets to radians."""
-URDF_OPTIONS = {"tip", "base", "gravity", "shapes", "packages", "srdf", "without_shape"}
-"""Options that may follow the path of a URDF."""
-URDF_SYNTAX = (
-    "options of a URDF, joined by &: tip=LINK, base=LINK, gravity=X,Y,Z, shapes=yes, packages=FOLDER, srdf=FILE, "
-    "without_shape=LINK"
-)
-"""Syntax of these options, for messages."""
 MOST_TOML_BYTES = 2**20
 """Largest file that is read [bytes]: a thousand times that of an arm of seven joints."""
 CONVENTIONS = {"mdh": Robot.from_mdh, "dh": Robot.from_dh}
@@ -167,7 +158,7 @@ def load(
         # A URDF contains the robot's name, so its file may be named like one of our robots.
         if not urdf:
             data_file(ROBOTS, path, "robot")
-        return _from_file(path, {**_parse_urdf_options(links), **given})
+        return _from_file(path, {**parse_urdf_options(links), **given})
     for argument, value in given.items():
         raise InvalidInput(argument, format_value(value), f"none: {name!r} is no URDF file")
     if name in own_names(ROBOTS):
@@ -178,11 +169,10 @@ def load(
 def _from_file(path: str, links: dict[str, Any], name: str | None = None) -> Robot:
     """Read a robot from a file; a TOML file contains no name, so it takes the given one or its stem."""
     if path.startswith(PREFIX):
-        made = find_description(path)
-        return _from_urdf(made.file, links, made.arguments, made.packages)
+        return load_description(path, links)
     suffix, file = Path(path).suffix.lower(), resolve_file(path, "robot")
     if suffix in URDF:
-        return _from_urdf(file, links)
+        return load_urdf(file, links)
     if links:
         raise InvalidInput(", ".join(links), ", ".join(map(str, links.values())), f"none: {path!r} is no URDF file")
     if suffix == ".py":
@@ -199,55 +189,11 @@ def _from_file(path: str, links: dict[str, Any], name: str | None = None) -> Rob
     return robot_from_toml(file, name)
 
 
-def _from_urdf(
-    file: Path, links: dict[str, Any], arguments: Mapping[str, str] | None = None, folders: Sequence[str] = ()
-) -> Robot:
-    """Read a robot from a URDF or a xacro file, with arguments for xacro and folders of its packages."""
-    options = _urdf_options({key: value for key, value in links.items() if key in (*URDF_OPTIONS, "values")})
-    others = {key: value for key, value in links.items() if key not in (*URDF_OPTIONS, "values")}
-    packages = [*folders, *options.pop("package_dirs", ())]
-    source: str | Path = file
-    if file.suffix.lower() == ".xacro":
-        source = expand_xacro(file, {**(arguments or {}), **others}, packages)
-    elif others:
-        raise InvalidInput("robot", "&".join(f"{key}={value}" for key, value in others.items()), URDF_SYNTAX)
-    try:
-        return Robot.from_urdf(source, package_dirs=packages if packages and options["shapes"] else None, **options)
-    except InvalidInput as error:
-        where = f"robot {str(file)!r}" if error.argument == "source" else error.argument
-        raise InvalidInput(where, error.got, error.expected, advice=error.advice) from None
-
-
-def _parse_urdf_options(text: str) -> dict[str, str]:
-    """Parse the options behind a URDF's path, ``tip=tool0&base=base_link``; others are arguments of xacro."""
-    links = dict(part.partition("=")[::2] for part in text.split("&")) if text else {}
-    if not all(links) or not all(links.values()) or links.get("shapes", "yes") not in ("yes", "no"):
-        raise InvalidInput("robot", repr(text), URDF_SYNTAX)
-    return links
-
-
-def _urdf_options(links: dict[str, Any]) -> dict[str, Any]:
-    """Return the arguments of `Robot.from_urdf` for the options of a path; any option of shapes implies shapes=yes."""
-    options: dict[str, Any] = {key: value for key, value in links.items() if key not in ("packages", "shapes")}
-    if isinstance(text := links.get("gravity"), str):
-        try:
-            options["gravity"] = [float(word) for word in text.split(",")]
-        except ValueError:
-            raise InvalidInput("gravity", repr(text), "three numbers, X,Y,Z") from None
-    if isinstance(text := links.get("without_shape"), str):
-        options["without_shape"] = text.split(",")
-    if "packages" in links:
-        options["package_dirs"] = [links["packages"]]
-    implied = "yes" if {"srdf", "packages", "without_shape"} & set(links) else "no"
-    options["shapes"] = links.get("shapes", implied) == "yes"
-    return options
-
-
 def _resolve_robot(value: Any, where: str, name: str) -> Robot:
     """Return the robot of a plug-in: a robot, a function that returns one, or the path of its file."""
     if isinstance(value, str | os.PathLike):
         path, links = split_links(os.fspath(value))
-        return _from_file(str(Path(path).absolute()), _parse_urdf_options(links), name)
+        return _from_file(str(Path(path).absolute()), parse_urdf_options(links), name)
     robot = value() if callable(value) and not isinstance(value, Robot | type) else value
     if not isinstance(robot, Robot):
         raise InvalidInput(where, repr(robot)[:60], "a Robot, a function that returns one, or the path of its file")

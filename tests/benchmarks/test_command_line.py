@@ -16,7 +16,8 @@ from typer.main import get_command
 import optik
 import planners
 from benchmarks.cli.app import app
-from benchmarks.cli.command import START_SAMPLES, sample_start, translate
+from benchmarks.cli.command import translate
+from benchmarks.cli.readers import START_SAMPLES, sample_start
 from benchmarks.cli.runs import FEWEST_PARTS, make_progress, update_progress
 from optik.arm.library import read_home, robot_from_toml
 from optik.arm.model import unit_factors

@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 import optik
-from benchmarks.cli.command import Start, sample_start
+from benchmarks.cli.command import Start
 from benchmarks.cli.plan import choose_branch
+from benchmarks.cli.readers import sample_start
 from optik.errors import InvalidInput
 from optik.plugins.files import forbid_code
 from planners import Line, MotionLimits, plan
