@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import runpy
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -106,6 +107,7 @@ def chains() -> None:
 def pages() -> None:
     """Run the Python of the README, of the documentation and of the examples."""
     with tempfile.TemporaryDirectory() as folder:
+        shutil.copytree(ROOT / "examples", folder, dirs_exist_ok=True)  # the pages name plug-ins by their files
         os.chdir(folder)
         sys.path.insert(0, folder)
         for page in [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]:

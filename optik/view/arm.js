@@ -64,7 +64,7 @@ const Arm = (() => {
     const t = numbers(data.t), q = numbers(data.q), dq = numbers(data.dq), last = t.length - 1;
     const row = (values, k) => values.subarray(n * k, n * k + n);
     const columns = { q, dq };
-    for (const name of ["ddq", "torque", "clearance"]) if (data[name]) columns[name] = scaled(data[name]);
+    for (const name of ["ddq", "jerk", "torque", "clearance"]) if (data[name]) columns[name] = scaled(data[name]);
 
     /** The last instant that is not after a time, and the fraction of the way to the next one. */
     const place = time => {

@@ -28,6 +28,7 @@ PLOTS = {
     "q": ("Position", ""),
     "dq": ("Velocity", "/s"),
     "ddq": ("Acceleration", "/s²"),
+    "jerk": ("Jerk", "/s³"),
     "torque": ("Torque", ""),
     "clearance": ("Clearance", ""),
 }
@@ -166,7 +167,7 @@ def describe_track(track: Track) -> dict[str, Any]:
 
 def _describe_load(robot: Robot, track: Track) -> dict[str, Any]:
     """Return the accelerations and torques of a motion; without those that are unknown."""
-    known = {"ddq": track.ddq, "torque": find_torques(robot, track)}
+    known = {"ddq": track.ddq, "jerk": track.jerk, "torque": find_torques(robot, track)}
     return {name: _pack(values) for name, values in known.items() if values is not None}
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optik.arm.robot import Robot
+from optik.card import Card
 from optik.errors import InvalidInput
 from optik.file_io import check_suffix, write_atomically
 from optik.scene import Scene
@@ -154,6 +155,8 @@ def show_arm(robot: Robot, q: ArrayLike, scene: Scene | None = None) -> Page:
 
 def make_page(show: Show) -> str:
     """Return the page."""
+    from markupsafe import Markup
+
     import optik
 
     data, facts = describe_show(show)
@@ -163,6 +166,7 @@ def make_page(show: Show) -> str:
     there |= {"payload": data["payload"], "near": data["clearance"], "before": data["before"]}
     return _template("page.html.j2").render(
         show=show,
+        bars=Markup(Card(title="", bars=show.bars).to_html()),
         robot=show.robot,
         embedded=False,
         facts=(*show.facts, *facts),

@@ -37,11 +37,27 @@ const Picture = (canvas, labels, data, arm, tracks) => {
   // ---- the camera
 
   const camera = Draw.camera(up);
+  /** How many points of a path a box hides from the eye. */
+  const hidden = (course, eye) => course.filter(p => boxes.some(box => {
+    let near = 0, far = 0.999;
+    for (let i = 0; i < 3; i++) {
+      const side = axis(box.pose, i), from = dot(minus(p, origin(box.pose)), side), along = dot(minus(eye, p), side), half = box.edges[i] / 2;
+      const ends = [(-half - from) / along, (half - from) / along].sort((a, b) => a - b);
+      near = Math.max(near, ends[0]);
+      far = Math.min(far, ends[1]);
+    }
+    return near < far;
+  })).length;
   const fit = () => {
     const course = path.filter(p => p.every(Number.isFinite)); // a row of NaN is between two paths
     const middle = course[course.length >> 1] || [1, 0, 0], level = plus(middle, up, -dot(middle, up));
-    camera.azimuth = (length(level) > 0.01 * reach ? camera.towards(level) : 0) + 0.75;
+    const ahead = length(level) > 0.01 * reach ? camera.towards(level) : 0;
     camera.elevation = 0.35;
+    camera.target = middle;
+    camera.distance = 4 * reach; // of the angles, the first from which most of the path is in sight
+    const angles = [0.75, -0.75, 0, 1.5, -1.5, 2.3, -2.3, 3.1].map(turn => ahead + turn);
+    const counts = angles.map(angle => { camera.azimuth = angle; return hidden(course, camera.eye); });
+    camera.azimuth = angles[counts.indexOf(Math.min(...counts))];
     const views = [camera.right, camera.above, camera.back];
     camera.target = [0, 0, 0];
     for (const view of views) {

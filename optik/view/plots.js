@@ -14,7 +14,7 @@ const Plots = (boards, joint, data, arm, tracks, player) => {
   const columnsOf = name => {
     if (name === "clearance") return data.clearance.kinds.map((kind, i) =>
       ({ i, name: kind, unit: " mm", factor: 1e3, low: 1e3 * data.clearance.least[i], high: Infinity }));
-    const [low, high] = data.limits[name] || [[], []], order = ["", "/s", "/s²"][["q", "dq", "ddq"].indexOf(name)];
+    const [low, high] = data.limits[name] || [[], []], order = ["", "/s", "/s²", "/s³"][["q", "dq", "ddq", "jerk"].indexOf(name)];
     return data.arm.joints.map((title, i) => {
       const factor = name === "torque" ? 1 : data.arm.per[i];
       const unit = name === "torque" ? (data.arm.prismatic[i] ? " N" : " N·m") : `${data.arm.units[i]}${order}`;

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from optik.arm.robot import Robot
+from optik.card import Bar
 from optik.scene import Scene
 from optik.types import Array
 
@@ -26,6 +27,8 @@ class Track(NamedTuple):
         Accelerations [rad/s², m/s²]; None if they are unknown.
     torque : (k, n) array or None
         Measured torques of the motors [N·m, N]; None if there are none.
+    jerk : (k, n) array or None
+        Jerks [rad/s³, m/s³]; None if they are unknown.
     """
 
     t: Array
@@ -33,6 +36,7 @@ class Track(NamedTuple):
     dq: Array
     ddq: Array | None = None
     torque: Array | None = None
+    jerk: Array | None = None
 
     def at(self, time: float) -> tuple[Array, Array]:
         """Return the state at a time; at rest outside of the motion.
@@ -90,6 +94,8 @@ class Show:
         The laser beam to the spot.
     facts : tuple of (name, text)
         Rows of a table.
+    bars : sequence of Bar
+        Peak values as fractions of their limits.
     before : (m, 3) array or None
         Points of the tool along the way around obstacles near which the path began [m].
     """
@@ -104,6 +110,7 @@ class Show:
     beam: Beam | None = None
     facts: tuple[tuple[str, str], ...] = ()
     before: Array | None = None
+    bars: Sequence[Bar] = ()
 
     @property
     def duration(self) -> float:

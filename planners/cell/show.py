@@ -13,6 +13,7 @@ from optik.view.show import Beam, Show, Track, select, thin
 from planners.cell.drives.base import Execution
 from planners.cell.facts import drive_words, execution_facts, outcome_facts, unread_facts
 from planners.cell.outcome import Outcome
+from planners.certificate.certificate import limit_bars
 from planners.following.follow import JointPath
 from planners.motion.show import (
     MOST_INSTANTS,
@@ -52,7 +53,7 @@ def show_execution(execution: Execution) -> Show:
     facts = (*motion_facts(plan.motion), *certificate_facts(plan.certificate), *execution_facts(execution, unread))
     return Show(
         execution.robot, title, sample_track(planned), sample_path(plan.path), executed, plan.scene,
-        plot_limits(plan.limits, plan.robot.n), facts=facts,
+        plot_limits(plan.limits, plan.robot.n), facts=facts, bars=limit_bars(plan.certificate),
     )  # fmt: skip
 
 
@@ -88,6 +89,7 @@ def show_outcome(outcome: Outcome) -> Show:
     return Show(
         outcome.robot, f"{outcome.robot.name}: to the spot, {str(outcome.status).replace('_', ' ')}", _join(planned),
         np.vstack(gaps), _join(executed) if executed else None, outcome.scene, limits, beam, facts,
+        bars=limit_bars(outcome.rounds[0].plan.certificate) if outcome.rounds else (),
     )  # fmt: skip
 
 
@@ -147,5 +149,7 @@ def _add_rests(tracks: list[tuple[float, Track]]) -> Iterator[Track]:
         yield track
         if k + 1 < len(tracks) and tracks[k + 1][0] > track.t[-1]:
             last = select(track, slice(-1, None))
-            still = None if last.ddq is None else np.zeros_like(last.ddq)
-            yield last._replace(t=np.array([tracks[k + 1][0]]), dq=np.zeros_like(last.dq), ddq=still)
+            still = {
+                name: np.zeros_like(one) for name in ("dq", "ddq", "jerk") if (one := getattr(last, name)) is not None
+            }
+            yield last._replace(t=np.array([tracks[k + 1][0]]), **still)

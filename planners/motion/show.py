@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from optik.arm.robot import Robot
+from optik.scene import Scene
 from optik.types import Array
 from optik.view.show import Show, Track
-from planners.certificate.certificate import Certificate
-from planners.limits import ALL_LIMITS, MotionLimits, sides
+from planners.certificate.certificate import Certificate, limit_bars
+from planners.limits import MotionLimits, sides
 from planners.motion.motion import HasMotion, Motion, get_motion
 from planners.paths.base import Path
 from planners.paths.point_to_point import PointToPoint
@@ -20,7 +23,7 @@ SAMPLE_PERIOD = 0.004
 """Interval between instants of a short motion [s]; cubics between them deviate by at most 1e-7 rad at usual jerks."""
 PATH_POINTS = 400
 """Number of drawn points of a path."""
-PLOT_LIMITS = {"dq": "velocity", "ddq": "acceleration", "torque": "torque"}
+PLOT_LIMITS = {"dq": "velocity", "ddq": "acceleration", "jerk": "jerk", "torque": "torque"}
 """Quantities that a viewer plots with a limit of the motion, and the name of that limit."""
 
 
@@ -48,10 +51,20 @@ def show_motion(motion: Motion | HasMotion) -> Show:
     proof = getattr(motion, "certificate", None)
     if not isinstance(proof, Certificate):
         proof = found.certify()
+    title, path = f"{found.robot.name}: {found.law or 'a motion'}", sample_path(found.path)
+    shown = show_trajectory(found.robot, found.trajectory, proof, found.limits, found.scene)
+    facts = (*motion_facts(found), *shown.facts)
+    return replace(shown, title=title, path=path, facts=facts, before=sample_first_way(found.path))
+
+
+def show_trajectory(
+    robot: Robot, trajectory: Trajectory, proof: Certificate, limits: MotionLimits, scene: Scene | None
+) -> Show:
+    """Return the content of a viewer for a trajectory with its certificate, and its own course as the path."""
+    track = sample_track(trajectory)
     return Show(
-        found.robot, f"{found.robot.name}: {found.law or 'a motion'}", sample_track(found.trajectory),
-        sample_path(found.path), scene=found.scene, limits=plot_limits(found.limits, found.robot.n),
-        facts=(*motion_facts(found), *certificate_facts(proof)), before=sample_first_way(found.path),
+        robot, robot.name, track, robot.fk(track.q)[:, :3, 3], scene=scene, limits=plot_limits(limits, robot.n),
+        facts=certificate_facts(proof), bars=limit_bars(proof),
     )  # fmt: skip
 
 
@@ -68,7 +81,7 @@ def sample_track(trajectory: Trajectory) -> Track:
     """Sample a motion for a viewer."""
     count = int(np.clip(np.ceil(trajectory.duration / SAMPLE_PERIOD), 1, MOST_INSTANTS - 1)) + 1
     t = np.linspace(0.0, trajectory.duration, count)
-    return Track(t, trajectory(t), trajectory(t, 1), trajectory(t, 2))
+    return Track(t, trajectory(t), trajectory(t, 1), trajectory(t, 2), None, trajectory(t, 3))
 
 
 def sample_first_way(path: Path) -> Array | None:
@@ -123,13 +136,6 @@ def payload_facts(robot: Robot) -> tuple[tuple[str, str], ...]:
 def certificate_facts(proof: Certificate) -> tuple[tuple[str, str], ...]:
     """Return the certificate of a motion as rows."""
     rows = [("Certificate", "valid" if proof.is_valid else f"NOT valid: {'; '.join(proof.reasons)}")]
-    for name in ALL_LIMITS:
-        ratio, joint, t = proof.worst(name)
-        if not np.isnan(ratio):
-            enforced = "" if name in proof.enforced else ", not enforced by the law"
-            much = f"{100 * ratio:.4g} % of its limit" if ratio < 10.0 else f"{ratio:.3g} times its limit"
-            words = f"{much} at {t:.3f} s, {joint}{enforced}"
-            rows.append((f"Largest {name.replace('_', ' ')}", words))
     if proof.clearance is not None:
         rows += [(f"Clearance {words}", kind.describe()) for words, kind in proof.clearance.kinds.items()]
     return tuple(rows)

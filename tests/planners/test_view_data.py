@@ -127,14 +127,14 @@ def test_limits_are_those_of_robot_and_motion() -> None:
 
 def test_what_a_motion_does_not_have_is_absent() -> None:
     whole = show(optik.load("panda"), Scene(planes=[((0.0, 0.0, -0.1), (0.0, 0.0, 1.0))]))
-    path = replace(whole, planned=whole.planned._replace(ddq=None))
+    path = replace(whole, planned=whole.planned._replace(ddq=None, jerk=None))
     massless = replace(whole, robot=replace(whole.robot, inertia=None))
     for given, names in (
-        (whole, ["q", "dq", "ddq", "torque", "clearance"]),
+        (whole, ["q", "dq", "ddq", "jerk", "torque", "clearance"]),
         (path, ["q", "dq", "clearance"]),
-        (massless, ["q", "dq", "ddq", "clearance"]),
-        (replace(whole, scene=None), ["q", "dq", "ddq", "torque"]),
-        (replace(whole, robot=whole.robot.with_shapes(None), scene=None), ["q", "dq", "ddq", "torque"]),
+        (massless, ["q", "dq", "ddq", "jerk", "clearance"]),
+        (replace(whole, scene=None), ["q", "dq", "ddq", "jerk", "torque"]),
+        (replace(whole, robot=whole.robot.with_shapes(None), scene=None), ["q", "dq", "ddq", "jerk", "torque"]),
     ):
         data, _ = describe_show(given)
         assert [name for name, _, _ in list_plots(given.robot, data)] == names
