@@ -32,7 +32,7 @@ READ = """(() => {
         if (pixels[4 * k] === 0x11 && pixels[4 * k + 1] === 0x14 && pixels[4 * k + 2] === 0x17) {
             n++; x += k % w + 0.5; y += h - Math.floor(k / w) - 0.5;
         }
-    return { n, at: [x / n, y / n], back: [...pixels.slice(0, 3)], size: [w, h],
+    return { n, at: [x / n, y / n], back: [...pixels.slice(4 * w * (h - 1)).slice(0, 3)], size: [w, h],
         eye: c.eye, target: c.target, opening: c.opening };
 })()"""
 """Middle of the pixels in the colour of the tool's mark, and the camera that they were drawn with."""
