@@ -9,7 +9,7 @@ import numpy as np
 
 import optik
 
-method = Path(__file__).with_name("jt.py")  # Jacobian transpose; docs/extending.md describes such files
+method = Path(__file__).with_name("plugins") / "jt.py"  # Jacobian transpose; docs/extending.md describes such files
 robot = optik.load("paper6r")
 rng = np.random.default_rng(1)
 

@@ -15,7 +15,7 @@ EXAMPLES = {
     "planners.cell.drives": "lagging.py", "benchmarks.problems": "beside.py", "benchmarks.suites": "suite.toml",
     "benchmarks.peers.ik": "scipy_least_squares.py", "benchmarks.peers.laws": "scipy_spline.py",
 }  # fmt: skip
-"""Files in ``examples/``, by their group."""
+"""Files in ``examples/plugins/``, by their group."""
 
 GIVEN: dict[str, list[str]] = defaultdict(list)
 """Absolute paths by group, as given on the command line."""
@@ -23,7 +23,7 @@ GIVEN: dict[str, list[str]] = defaultdict(list)
 
 def outside(group: str) -> tuple[str, ...]:
     """Paths of all plug-ins of a group that are tested."""
-    example = (str(REPOSITORY / "examples" / EXAMPLES[group]),) if group in EXAMPLES else ()
+    example = (str(REPOSITORY / "examples" / "plugins" / EXAMPLES[group]),) if group in EXAMPLES else ()
     return (*example, *GIVEN[group])
 
 

@@ -40,7 +40,8 @@ from tests.outside import EXAMPLES as EXAMPLE_OF
 from tests.planners import contacts
 from tests.planners.cases import START, default_joint_path, paper6r
 
-EXAMPLES = REPOSITORY / "examples"
+EXAMPLES = REPOSITORY / "examples" / "plugins"
+ARM = EXAMPLES.parent / "arm.urdf"
 
 IK = '''
 from optik.ik.base import Attempt, IKSolver, IKStatus
@@ -501,11 +502,11 @@ def test_the_example_arm_is_the_same_in_all_its_files(tmp_path: Path) -> None:
     assert arm.name == "arm"
     assert optik.load(saved) == optik.load(str(code)) == arm
     assert "ur5e" in optik.robots()
-    for name in (EXAMPLES / "arm.urdf", f"{EXAMPLES}/arm.urdf#tip=tool&base=base"):
+    for name in (ARM, f"{ARM}#tip=tool&base=base"):
         np.testing.assert_allclose(optik.load(name).fk(q), arm.fk(q), atol=1e-12)
-    inner = optik.load(EXAMPLES / "arm.urdf", tip="link3")
+    inner = optik.load(ARM, tip="link3")
     assert inner.n == 3
-    assert optik.load(f"{EXAMPLES}/arm.urdf#tip=link3") == inner
+    assert optik.load(f"{ARM}#tip=link3") == inner
 
 
 @pytest.mark.parametrize(
@@ -513,15 +514,15 @@ def test_the_example_arm_is_the_same_in_all_its_files(tmp_path: Path) -> None:
     [
         ("ur5e", {"tip": "tool"}, "tip: expected none: 'ur5e' is no URDF"),
         ("{examples}/arm.toml", {"base": "base"}, "base: expected none"),
-        ("{examples}/arm.urdf#end=tool", {}, "options of a URDF"),
-        ("{examples}/arm.urdf", {"tip": "no_link"}, "no_link"),
+        ("{arm}#end=tool", {}, "options of a URDF"),
+        ("{arm}", {"tip": "no_link"}, "no_link"),
         ("{examples}/jt.py", {}, "a Robot, a function that returns one"),
         ("{examples}/arm.step", {}, "no file"),
     ],
 )
 def test_a_file_that_is_no_robot_is_refused(name: str, links: dict[str, str], words: str) -> None:
     with pytest.raises((InvalidInput, optik.errors.RobotModelError), match=words):
-        optik.load(name.replace("{examples}", str(EXAMPLES)), **links)
+        optik.load(name.format(examples=EXAMPLES, arm=ARM), **links)
 
 
 ARMS = """
@@ -670,7 +671,7 @@ def test_the_command_line_takes_files_wherever_it_takes_names(tmp_path: Path) ->
     assert done.exit_code == 0, done.output
     assert re.search(r"jt@[0-9a-f]{6} \+ law@[0-9a-f]{6}", done.stdout)
     assert (tmp_path / "x.tsv").read_text().startswith("format\t")
-    done = invoked("ik", "-r", "./arm.urdf", "--tip", "link6", "--xyz", "0.3,0.2,0.4", "--solver", "./jt.py", "--json")
+    done = invoked("ik", "-r", "../arm.urdf", "--tip", "link6", "--xyz", "0.3,0.2,0.4", "--solver", "./jt.py", "--json")
     assert json.loads(done.stdout)["solver"] == "jt"
     q = json.loads(done.stdout)["q_deg"]
     done = invoked("fk", ",".join(map(str, q)), "-r", "./arm.toml", "--json")
@@ -754,13 +755,13 @@ def test_where_no_code_may_run_none_does(tmp_path: Path) -> None:
 # ---------------------------------------------------------------- examples
 def test_every_kind_of_plug_in_has_an_example_that_the_map_names() -> None:
     missing = sorted({*registry.GROUPS} - {*EXAMPLE_OF, "benchmarks.blocks"})
-    assert not missing, f"no example for {', '.join(missing)}: add one to examples/ and to tests/outside.py"
+    assert not missing, f"no example for {', '.join(missing)}: add one to examples/plugins/ and to tests/outside.py"
     pages = {
         name: (REPOSITORY / "docs" / name).read_text(encoding="utf-8") for name in ("architecture.md", "extending.md")
     }
     for name in EXAMPLE_OF.values():
         assert (EXAMPLES / name).is_file()
-        assert [page for page, text in pages.items() if f"examples/{name}" not in text] == [], name
+        assert [page for page, text in pages.items() if f"examples/plugins/{name}" not in text] == [], name
 
 
 def test_the_freedom_of_the_example_is_used_within_its_range() -> None:

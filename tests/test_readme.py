@@ -36,8 +36,8 @@ for page, code in json.load(sys.stdin).items():
 def test_the_python_of_the_docs_runs(tmp_path: Path) -> None:
     """The others run beside the examples and the blocks that begin with ``# NAME.py`` or ``# NAME.toml``, which are files."""
     pages = {}
-    for file in (ROOT / "examples").glob("*.*"):
-        shutil.copy(file, tmp_path)
+    for place in ("examples", "examples/plugins"):
+        shutil.copytree(ROOT / place, tmp_path, dirs_exist_ok=True)
     for page in sorted((ROOT / "docs").glob("*.md")):
         code = []
         for block in re.findall(r"```(?:python|toml)\n(.*?)```", page.read_text(encoding="utf-8"), flags=re.S):

@@ -107,7 +107,8 @@ def chains() -> None:
 def pages() -> None:
     """Run the Python of the README, of the documentation and of the examples."""
     with tempfile.TemporaryDirectory() as folder:
-        shutil.copytree(ROOT / "examples", folder, dirs_exist_ok=True)  # the pages name plug-ins by their files
+        for place in ("examples", "examples/plugins"):  # the pages name files that lie beside them
+            shutil.copytree(ROOT / place, folder, dirs_exist_ok=True)
         os.chdir(folder)
         sys.path.insert(0, folder)
         for page in [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]:

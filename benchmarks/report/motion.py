@@ -64,7 +64,7 @@ def _table(b: BlockRows) -> Table:
         else ""
     )
     absent = [label for label in b.block.labels if label not in b.rows["method"].unique().to_list()]
-    note += f" Not run: {', '.join(absent)}; see docs/search.md." if absent else ""
+    note += f" Not run: {', '.join(absent)}; see docs/obstacles.md." if absent else ""
     return table_of(f"motion-{slug(b.block.id)}", b.block.title, MOTION_COLUMNS, _groups(b), note)
 
 

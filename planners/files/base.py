@@ -38,7 +38,7 @@ class Format(ABC):
     A format is one module with a subclass of `Format` that has two methods, and the line ``METHOD = <the class>``. The name
     of the module is the name of the format and the suffix of its files: ``npz.py`` reads and writes ``.npz``. A file with
     another suffix needs ``format=``; a second suffix of the same format is a second module that imports the class and says
-    ``METHOD = <the class>`` again. ``examples/tsv.py`` is a whole format.
+    ``METHOD = <the class>`` again. ``examples/plugins/tsv.py`` is a whole format.
     """
 
     @abstractmethod

@@ -423,7 +423,7 @@ def test_the_help_names_every_file_of_a_folder(words: str, option: str, group: s
 
 
 def test_a_limit_of_a_file_is_kept_and_printed(typed: Any, tmp_path: Path) -> None:
-    limit, file = REPOSITORY / "examples" / "weighted_speed.py", tmp_path / "line.json"
+    limit, file = REPOSITORY / "examples" / "plugins" / "weighted_speed.py", tmp_path / "line.json"
     status, out, said = typed("plan", "line", "--limit", f"{limit}=0.8", "--out", str(file))
     assert status == 0, said
     assert re.search(r"weighted speed │ 1 +│ arm", out)

@@ -197,7 +197,7 @@ def test_the_hash_of_the_problems_is_that_of_what_makes_them() -> None:
 def test_the_content_of_a_robot_s_file_counts_and_not_its_name(tmp_path: Path) -> None:
     found = []
     for name, limit in (("one", "2.0"), ("two", "2.0"), ("three", "2.5")):
-        text = (REPOSITORY / "examples" / "arm.toml").read_text(encoding="utf-8")
+        text = (REPOSITORY / "examples" / "plugins" / "arm.toml").read_text(encoding="utf-8")
         (tmp_path / name).mkdir()
         file = tmp_path / name / "arm.toml"
         file.write_text(text + f"\n# {limit}\n", encoding="utf-8")

@@ -33,7 +33,7 @@ from tests.outside import everything
 from tests.planners.cases import START, default_joint_path, default_line, paper6r
 
 OUR = MotionLimits(2.0, 10.0, 100.0)
-EXAMPLE = import_file(REPOSITORY / "examples" / "weighted_speed.py")
+EXAMPLE = import_file(REPOSITORY / "examples" / "plugins" / "weighted_speed.py")
 
 
 class Loaded(DerivativeLimit):
@@ -115,7 +115,7 @@ def test_a_limit_of_a_file_is_given_by_its_path_and_then_has_its_name(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setattr(kinds, "_ADDED", {})
-    file = REPOSITORY / "examples" / "weighted_speed.py"
+    file = REPOSITORY / "examples" / "plugins" / "weighted_speed.py"
     limits = MotionLimits(2.0, 10.0, 100.0, extra={str(file): 3.0})
     assert limits.names[-1] == limit_names()[-1] == "weighted_speed"
     assert limits == MotionLimits(2.0, 10.0, 100.0, extra={"weighted_speed": 3.0})

@@ -1,6 +1,6 @@
 """A limit in one file: the weighted sum of the joint speeds, for example of the flow that hydraulic joints draw together.
 
-Try it: ``optik plan line --limit examples/weighted_speed.py=0.8``, or ``MotionLimits(extra={"./weighted_speed.py": 3.0})``.
+Try it: ``optik plan line --limit examples/plugins/weighted_speed.py=1``, ``MotionLimits(extra={"./weighted_speed.py": 3.0})``.
 """
 
 import numpy as np

@@ -1,6 +1,6 @@
 """A search in one file: a probabilistic roadmap (Kavraki et al. 1996), random configurations joined by proved edges.
 
-Try it: ``planners.find_path(robot, start, goal, scene=scene, search="examples/prm.py")``.
+Try it: ``planners.find_path(robot, start, goal, scene=scene, search="examples/plugins/prm.py")``.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """A freedom in one file: the distance of the tool from the path along its own axis z, for sprays, cameras and lasers.
 
-Try it: ``optik plan line --free examples/standoff.py=10`` (±10 mm), or in Python ``free(path, **{"./standoff.py": 0.01})``.
+Try it: ``optik plan line --free examples/plugins/standoff.py=10`` (±10 mm), or ``free(path, **{"./standoff.py": 0.01})``.
 """
 
 from __future__ import annotations

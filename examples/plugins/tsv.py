@@ -1,6 +1,6 @@
 """A file format in one file: a line per key, the key and its JSON with a tab between them.
 
-Try it: ``optik plan line --out line.tsv --format examples/tsv.py``.
+Try it: ``optik plan line --out line.tsv --format examples/plugins/tsv.py``.
 """
 
 from __future__ import annotations

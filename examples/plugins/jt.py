@@ -1,6 +1,6 @@
 """An IK method in one file: Jacobian transpose, Δq = α Jᵀ e, with steps α after Barzilai and Borwein (1988).
 
-Try it: ``optik ik --solver examples/jt.py --xyz 0.1,0.3,0.2``.
+Try it: ``optik ik --solver examples/plugins/jt.py --xyz 0.1,0.3,0.2``.
 """
 
 from __future__ import annotations

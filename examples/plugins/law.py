@@ -1,6 +1,6 @@
 """A time law in one file: slow where joints are in the middle of their ranges, within the limits.
 
-Try it: ``optik plan line --timing examples/law.py``.
+Try it: ``optik plan line --timing examples/plugins/law.py``.
 """
 
 from __future__ import annotations

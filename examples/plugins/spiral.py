@@ -1,6 +1,6 @@
 """A path in one file: a helix about the vertical through a point beside the start; the tool keeps its orientation.
 
-Try it: ``optik plan path examples/spiral.py --set radius=0.03 --set turns=1.5 --set rise=0.04``.
+Try it: ``optik plan path examples/plugins/spiral.py --set radius=0.03 --set turns=1.5 --set rise=0.04``.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """A drive in one file: an arm whose joints lag behind their set-points. Run this script, or use its path as a drive.
 
-python examples/lagging.py
+python examples/plugins/lagging.py
 drive = planners.cell.make_drive("./lagging.py", robot)
 """
 
