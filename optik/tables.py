@@ -54,13 +54,13 @@ class TableColumn(NamedTuple):
 
 
 class TextTable(NamedTuple):
-    """A table: its file, the line of its header, its separator and columns, numbered lines, and assumptions."""
+    """A table: its file, the line of its header, its separator and columns, numbered lines of cells, and assumptions."""
 
     file: str
     header: int
     separator: str
     columns: dict[str, TableColumn]
-    lines: list[tuple[int, str]]
+    lines: list[tuple[int, list[str]]]
     notes: list[str]
 
     def locate(self, row: int | None = None, *columns: str) -> str:
@@ -70,7 +70,7 @@ class TextTable(NamedTuple):
 
     def read_cells(self, row: int, names: Iterable[str]) -> list[str]:
         """Return the cells of a row in some columns."""
-        cells = _split(self.lines[row][1], self.separator)
+        cells = self.lines[row][1]
         return [cells[self.columns[name].at] for name in names]
 
     def read_numbers(self, names: Sequence[str]) -> Array:
@@ -80,12 +80,13 @@ class TextTable(NamedTuple):
             raise InvalidInput(
                 self.locate(None, *bare), "no unit", f"a unit for each of {','.join(names)}, or for none"
             )
-        values = np.empty((len(self.lines), len(names)))
-        for row in range(len(self.lines)):
-            cells = self.read_cells(row, names)
-            values[row] = [read_number(cell) for cell in cells]
-            for j in np.flatnonzero(~np.isfinite(values[row]))[:1]:
-                raise InvalidInput(self.locate(row, names[j]), repr(cells[j])[:60], "a finite number")
+        at = [self.columns[name].at for name in names]
+        values = np.array([[read_number(cells[i]) for i in at] for _, cells in self.lines]).reshape(
+            len(self.lines), len(at)
+        )
+        for row, j in np.argwhere(~np.isfinite(values))[:1]:
+            cell = self.read_cells(row, names)[j]
+            raise InvalidInput(self.locate(row, names[j]), repr(cell)[:60], "a finite number")
         return np.asarray(values * [self.columns[name].size for name in names])
 
     def resolve(self, wanted: Mapping[str, str]) -> TextTable:
@@ -134,21 +135,24 @@ def read_table(file: str | os.PathLike[str], columns: Names = None, ignore: Name
         lines.append((number, line.rstrip("\n")))
     if not lines:
         raise InvalidInput(name, "no lines", "a header line that names the columns, and rows")
-    number = lines[0][0]
+    number, first = lines[0]
     try:
-        table = _read_header(TextTable(name, number, ",", {}, lines, []), read_names(columns, "columns"))
+        table, with_data = _read_header(TextTable(name, number, ",", {}, [], []), first, read_names(columns, "columns"))
         width, marks = len(table.columns), set[str]()
         for word in left:
             if table.columns.pop(word, None) is None:
                 raise InvalidInput("ignore", repr(word)[:60], f"columns of {name}: {', '.join(table.columns)}"[:160])
-        for number, line in table.lines:
+        for number, line in lines if with_data else lines[1:]:
             cells = _split(line, table.separator)
             if len(cells) != width and (len(cells) != width + 1 or cells[-1]):  # a separator may end a line
                 expected = f"{width} values, one for each column, separated by {SEPARATORS[table.separator]}"
                 advice = "with decimal commas, use another separator" if table.separator == "," else ""
                 raise InvalidInput(f"{name}, line {number}", f"{len(cells)} values", expected, advice=advice)
+            table.lines.append((number, cells))
+            if table.separator == "," and '"' not in line:  # no cell has a comma
+                continue
             for cell in (cells[column.at] for column in table.columns.values()):
-                if ("," in cell or "." in cell) and DECIMAL.fullmatch(cell):
+                if ("," in cell or ("." in cell and "." not in marks)) and DECIMAL.fullmatch(cell):
                     marks.add("," if "," in cell else ".")
                     if "," in marks and (len(marks) > 1 or table.separator == ","):
                         expected = "one decimal mark: a point, or a comma in a table that has another separator"
@@ -159,23 +163,22 @@ def read_table(file: str | os.PathLike[str], columns: Names = None, ignore: Name
     return table
 
 
-def _read_header(table: TextTable, given: tuple[str, ...]) -> TextTable:
-    """Return the table with its separator and columns, without the line of the header."""
-    first = table.lines[0][1].strip(" ")
+def _read_header(table: TextTable, first: str, given: tuple[str, ...]) -> tuple[TextTable, bool]:
+    """Return the table with the separator and the columns of its first line, and whether that line has data."""
+    first = first.strip(" ")
     fitting = [each for each in SEPARATORS if given and _holds_numbers(_split(first, each), len(given))]
     separator = next((each for each in (*fitting, *SEPARATORS) if each in first), ",")
     cells = _split(first, separator)
     cells = cells if cells[-1] else cells[:-1]  # a separator may end the line
     data = [isfinite(read_number(cell)) or cell.lower() in ("nan", "inf") for cell in cells]
-    lines = table.lines if given and any(data) else table.lines[1:]
     if given and not any(data):
         table.notes.append(f"the columns {','.join(cells)} are read as {','.join(given)}"[:200])
     names = given or cells
     columns = {name: TableColumn(at) for at, name in enumerate(names)}
-    table = table._replace(separator=separator, columns=columns, lines=lines)
+    table = table._replace(separator=separator, columns=columns)
     if len(columns) < len(names) or len(names) > MOST_COLUMNS:
         raise table.make_header_error(f"different columns, at most {MOST_COLUMNS}", names=names)
-    return table
+    return table, bool(given) and any(data)
 
 
 def _holds_numbers(cells: list[str], count: int) -> bool:
@@ -188,12 +191,19 @@ def _split(line: str, separator: str) -> list[str]:
     """Return the cells of a line."""
     if separator == " ":
         return line.split()
+    if '"' not in line:
+        return [cell.strip() for cell in line.split(separator)]
     return [cell.strip() for cell in next(csv.reader([line], delimiter=separator, skipinitialspace=True, strict=True))]
 
 
 def read_number(cell: str) -> float:
     """Return a number with a decimal point or comma, or NaN."""
-    return float(cell.replace(",", ".")) if DECIMAL.fullmatch(cell) else nan
+    if "," in cell or "_" in cell or not cell.isascii():  # Python reads more than tables mean
+        return float(cell.replace(",", ".")) if DECIMAL.fullmatch(cell) else nan
+    try:
+        return float(cell)
+    except ValueError:
+        return nan
 
 
 def _find_size(unit: str, usual: str) -> float | None:

@@ -6,6 +6,7 @@ from planners.files import load_motion, save
 from planners.files.setpoints import load_trajectory
 from planners.following.follow import follow
 from planners.limits import MotionLimits
+from planners.limits.moveit import load_limits
 from planners.motion import Motion
 from planners.paths import Path, make_path, paths
 from planners.paths.arc import Arc
@@ -43,6 +44,7 @@ __all__ = [
     "follow",
     "free",
     "laws",
+    "load_limits",
     "load_motion",
     "load_trajectory",
     "make_law",

@@ -14,9 +14,10 @@ import typer
 import optik
 from benchmarks.cli.bench import CheckCommand, ListCommand, NewCommand
 from benchmarks.cli.cell import CellCommand
+from benchmarks.cli.certify import CertifyCommand
 from benchmarks.cli.command import add_command, err_console, name_robot_options, translate
 from benchmarks.cli.installation import DoctorCommand, KernelsCommand, PeerCommand
-from benchmarks.cli.motion import CertifyCommand, DriveCommand, ViewCommand
+from benchmarks.cli.motion import DriveCommand, ViewCommand
 from benchmarks.cli.paths import (
     ArcCommand,
     JointsCommand,

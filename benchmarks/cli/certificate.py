@@ -27,9 +27,9 @@ def format_ratio(ratio: float) -> str:
     return f"{ratio:.9g}" if EXACT_EXCESS < ratio - 1.0 < 5e-3 else f"{ratio:.3g}"
 
 
-def describe_effort(plan: Any) -> str:
-    """Describe the mass model of a plan, its energy and its power."""
-    proof, payload = plan.certificate, plan.robot.payload
+def describe_effort(proof: Any, robot: Any) -> str:
+    """Describe the mass model of a motion, its energy and its power."""
+    payload = robot.payload
     net = round(proof.energy.net, 9) + 0.0  # neither rounding errors nor −0
     load = "without payload" if payload is None else f"with {payload}"
     words = (
@@ -38,7 +38,7 @@ def describe_effort(plan: Any) -> str:
     )
     if proof.friction_steps:
         most = max(proof.friction_steps, key=lambda step: step.size)
-        unit = "N" if plan.robot.prismatic[plan.robot.joint_names.index(most.joint)] else "N·m"
+        unit = "N" if robot.prismatic[robot.joint_names.index(most.joint)] else "N·m"
         steps = f"which steps {len(proof.friction_steps)} times by up to {most.size:.3g} {unit}"
         words += f"; torque rates exclude Coulomb friction, {steps}"
     return words
@@ -68,10 +68,8 @@ def print_certificate(plan: Any) -> None:
 
     proof, off = plan.certificate, plan.certificate.path_error
     limits = (*ALL_LIMITS, *proof.extra)
-    title = f"{plan.law}: {proof.duration:.4f} s"
-    if plan.path is not None:
-        way = f"{1e3 * plan.path.end:.1f} mm" if plan.path.unit == "m" else f"{np.degrees(plan.path.end):.4g}°"
-        title = f"{plan.solver} + {plan.law}: {way} in {proof.duration:.4f} s"
+    way = f"{1e3 * plan.path.end:.1f} mm" if plan.path.unit == "m" else f"{np.degrees(plan.path.end):.4g}°"
+    title = f"{plan.solver} + {plan.law}: {way} in {proof.duration:.4f} s"
     table = Table("", "peak / limit", "joint", "time, s", "enforced", title=title)
     for field in limits:
         ratio, joint, t = proof.worst(field)
@@ -83,15 +81,13 @@ def print_certificate(plan: Any) -> None:
     out_console.print(table)
     if plan.least_duration:
         out_console.print(f"least duration {plan.least_duration:.4f} s: the slowest joint alone, from rest to rest")
-    error = (
-        f"path error at most {1e6 * off.distance:.3g} µm and {1e6 * off.angle:.3g} µrad (proved for every instant), "
-    )
     out_console.print(
-        f"{error if plan.path is not None else ''}tool speed at most {proof.tool_speed.value:.3g} m/s, smallest singular value "
+        f"path error at most {1e6 * off.distance:.3g} µm and {1e6 * off.angle:.3g} µrad (proved for every instant), "
+        f"tool speed at most {proof.tool_speed.value:.3g} m/s, smallest singular value "
         f"{proof.singular_value:.3g} at {proof.t_singular_value:.3f} s, {SMOOTH[proof.continuous]}"
     )
     if proof.energy is not None:
-        out_console.print(describe_effort(plan))
+        out_console.print(describe_effort(proof, plan.robot))
     if proof.clearance is not None:
         out_console.print(describe_clearance(proof.clearance))
     if plan.slowed > 1.0:

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import MISSING, dataclass, field, fields
 from inspect import Parameter, Signature
 from itertools import takewhile
+from pathlib import Path
 from typing import Annotated, Any, NamedTuple, get_type_hints
 
 import numpy as np
@@ -256,11 +257,39 @@ class LimitsCommand(RobotCommand):
     )
     jerk: float | None = option("Limits", "Jerk limit of every joint [rad/s³, prismatic m/s³]; by default the robot's.")
     limit: list[str] | None = option("Limits", LIMIT_HELP, metavar="NAME=NUMBERS")
+    limits: Path | None = option(
+        "Limits", "MoveIt's joint_limits.yaml: ranges and limits of the joints; the options above replace its values."
+    )
+    joint_names: str | None = option(
+        "Robot", "Names of the joints in the files, comma-separated, in the robot's order; by default the robot's."
+    )
+
+    def load(self, name: str = "") -> optik.Robot:
+        """Load the robot, with the joint ranges of ``--limits``."""
+        arm = super().load(name)
+        if self.limits is None:
+            return arm
+        from planners.limits.moveit import load_limits
+
+        return load_limits(self.limits, arm, joint_names=self.read_joint_names(arm))[0]
+
+    def read_joint_names(self, arm: optik.Robot) -> dict[str, str] | None:
+        """Return the names of the joints in the files by the robot's."""
+        if self.joint_names is None:
+            return None
+        given = [name.strip() for name in self.joint_names.split(",")]
+        if len(set(given)) != arm.n or len(given) != arm.n:
+            raise InvalidInput("--joint-names", self.joint_names, f"{arm.n} different names, comma separated")
+        return dict(zip(arm.joint_names, given, strict=True))
 
     def read_typed_limits(self, arm: optik.Robot) -> dict[str, Any]:
-        """Return the typed limits by name."""
+        """Return the limits of ``--limits`` and the typed ones by name."""
         typed = {name: getattr(self, name) for name in LIMIT_EXAMPLES if getattr(self, name) is not None}
         pairs = (text.rpartition("=") for text in self.limit or ())
+        if self.limits is not None:
+            from planners.limits.moveit import read_limits
+
+            typed = read_limits(self.limits, arm, self.read_joint_names(arm)).given | typed
         return typed | {"extra": {name: read_bound(value, "--limit") for name, _, value in pairs}}
 
 

@@ -1,4 +1,4 @@
-"""`optik certify`, `optik drive`, `optik view`: certify, execute or show a motion."""
+"""`optik drive`, `optik view`: execute or show a motion."""
 
 from __future__ import annotations
 
@@ -6,30 +6,25 @@ import json
 import webbrowser
 from dataclasses import dataclass
 from pathlib import Path
-from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import typer
 from rich.table import Table
 
-from benchmarks.cli.certificate import print_certificate
 from benchmarks.cli.command import (
     ALLOW_HELP,
     Command,
     JsonCommand,
-    LimitsCommand,
-    TableCommand,
     argument,
     err_console,
-    numbers,
     option,
     out_console,
     print_json,
     translate,
 )
-from benchmarks.cli.plan import MOTION_SUFFIXES, SceneCommand
-from benchmarks.cli.readers import read_allowed, read_configuration
+from benchmarks.cli.plan import MOTION_SUFFIXES
+from benchmarks.cli.readers import read_allowed
 from optik.arm.model import unit_factors, unit_names
 from optik.errors import InvalidInput, NoSolution
 from optik.file_io import write_atomically
@@ -48,47 +43,6 @@ DRIVE_HELP = f"Drive, one of: {', '.join(names('planners.cell.drives'))}; or a f
 
 ROS_PANEL = "With --on ros"
 """Panel of the help."""
-
-
-# ---------------------------------------------------------------- optik certify
-
-
-@dataclass(frozen=True, kw_only=True)
-class CertifyCommand(LimitsCommand, SceneCommand, TableCommand):
-    """Certify a trajectory that another program wrote: limits, smoothness, and with --scene the clearance.
-
-    The exit status is 0 if the certificate is valid, and 1 if not.
-    """
-
-    file: Path = argument("FILE", "A table .csv, or .json, .yaml or .yml with a table or a ROS message.")
-    start_deg: str = numbers("Path", "Configuration at 0 s [degrees, prismatic mm], if the first point is later.", "")
-    unwrap: str | None = option(
-        "Path", "Joints whose jumps by whole turns are removed, comma-separated; none accepts them."
-    )
-    interpolation: str | None = option("Path", "Interpolation: linear, cubic, quintic, or spline (through positions).")
-
-    def run(self) -> None:
-        """Read, certify and print."""
-        import planners
-
-        arm = self.load()
-        start = read_configuration(arm, self.start_deg) if self.start_deg.strip() else None
-        unwrap = () if self.unwrap == "none" else self.unwrap
-        trajectory = planners.load_trajectory(
-            self.file, arm, start=start, unwrap=unwrap, interpolation=self.interpolation, columns=self.columns,
-            ignore=self.ignore,
-        )  # fmt: skip
-        limits = planners.MotionLimits.of(arm, **self.read_typed_limits(arm))
-        proof = planners.certify(arm, None, trajectory, limits, scene=self.load_scene(arm))
-        if self.as_json:
-            print_json(proof.to_dict() | {"notes": list(trajectory.notes)})
-        else:
-            print_certificate(
-                SimpleNamespace(
-                    certificate=proof, path=None, robot=arm, law=self.file.name, slowed=1.0, least_duration=None
-                )
-            )
-        raise typer.Exit(0 if proof.is_valid else 1)
 
 
 # ---------------------------------------------------------------- optik drive
@@ -349,28 +303,28 @@ def _read_recording(file: Path, drive: str | None = None) -> Motion | Plan | Sho
     return motion if drive is None else restore_plan(motion)
 
 
-def read_motion(file: Path) -> Motion:
-    """Read a motion."""
+def read_motion(file: Path, name: str = "PLAN") -> Motion:
+    """Read a motion; `name` is the option or argument in errors."""
     from planners.cell.recorded import EXECUTION, FAILED_PLAN
     from planners.files import load_motion
 
     if file.is_dir():
-        raise InvalidInput("PLAN", f"the folder {file}", STORED_MOTION)
+        raise InvalidInput(name, f"the folder {file}", STORED_MOTION)
     try:
         return load_motion(file)
     except InvalidInput as error:
         if error.argument == "file":  # its name, or that it cannot be read
-            raise InvalidInput("PLAN", error.got, STORED_MOTION) from None
+            raise InvalidInput(name, error.got, STORED_MOTION) from None
         data = _read_json(file)
         if data.get("format") == EXECUTION:
             advice = "`optik view` shows this file"
-            raise InvalidInput("PLAN", f"{file}, an execution", STORED_MOTION, advice=advice) from None
+            raise InvalidInput(name, f"{file}, an execution", STORED_MOTION, advice=advice) from None
         if data.get("format") not in ("optik-plan/2", FAILED_PLAN):
             raise error
         if data.get("reason"):
             words = f"{file} is a failed plan: {data['reason']}"
             raise NoSolution(words, s=data.get("s"), joint=data.get("joint"), advice=data.get("advice", "")) from None
-        raise InvalidInput("PLAN", f"{file}, the output of `optik plan … --json`", STORED_MOTION) from None
+        raise InvalidInput(name, f"{file}, the output of `optik plan … --json`", STORED_MOTION) from None
 
 
 def _read_json(file: Path) -> dict[str, Any]:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from optik.arm.robot import Robot
 from optik.check import check_number
@@ -26,10 +28,12 @@ from planners.certificate.checks import (
 )
 from planners.certificate.clearance import clearance
 from planners.certificate.effort import energy, friction_steps
+from planners.certificate.frechet import waypoint_error
 from planners.certificate.path_error import PathError
 from planners.certificate.projection import NEAREST_TURN
 from planners.limits import ALL_LIMITS, LOADED, Extreme, MotionLimits, ToolExtreme, check_path
 from planners.paths.base import Path
+from planners.paths.waypoints import check_waypoints
 from planners.trajectory import Trajectory, cut_after, cut_before
 
 ENOUGH = 1.1
@@ -37,11 +41,7 @@ ENOUGH = 1.1
 
 
 def certify(
-    robot: Robot,
-    path: Path | None,
-    trajectory: Trajectory,
-    limits: MotionLimits | None = None,
-    *,
+    robot: Robot, path: Path | ArrayLike | None, trajectory: Trajectory, limits: MotionLimits | None = None, *,
     law: str = "", enforced: tuple[str, ...] | None = None, rate: float = 1000.0,
     tolerance: ToleranceLike | None = None, span: tuple[float, float] | None = None,
     scene: Scene | None = None, before: tuple[MotionLimits, float] | None = None, analysis: MotionAnalysis | None = None,
@@ -52,8 +52,9 @@ def certify(
     ----------
     robot : Robot
         The arm.
-    path : Path or None
-        Path of the tool; None for a joint motion: then the path error is NaN, and path parameters are times.
+    path : Path, or (k, 4, 4) array, or None
+        Path of the tool; or waypoints [m] of a sharp polyline that it must follow within ``tolerance``, whose angle π leaves
+        the rotation free; or None for a joint motion. In the last two cases path parameters are times.
     trajectory, limits : Trajectory, and MotionLimits, optional
         The motion and its limits, by default the robot's own.
     law, enforced : str, and tuple of str, optional
@@ -81,20 +82,52 @@ def certify(
     InvalidInput
         An invalid argument, inconsistent arguments, an unknown limit in ``enforced``, or an arm without shapes.
     """
+    if path is not None and not isinstance(path, Path):
+        waypoints = check_waypoints(path, "path")
+        proof = certify(
+            robot, None, trajectory, limits, law=law, enforced=enforced, rate=rate, scene=scene, before=before
+        )
+        return _judge_waypoints(proof, waypoints, tolerance)
     limits = _check_kinds(robot, path, trajectory, limits)
+    span = _check_part(path, span, tolerance, trajectory)
+    enforced = _check_enforced(enforced, limits)
+    tolerance = None if tolerance is None else Tolerance.of(tolerance)
+    analysis = _check_analysis(analysis, robot, trajectory)
+    criteria: dict[str, Any] = {"law": law, "enforced": enforced, "rate": check_rate(rate), "tolerance": tolerance}
+    return _certify(analysis.along_path(path, *_required_accuracy(tolerance)), limits, before, span, scene, criteria)
+
+
+def _check_part(
+    path: Path | None, span: tuple[float, float] | None, tolerance: ToleranceLike | None, trajectory: Trajectory
+) -> tuple[float, float]:
+    """Return the part of the path that a motion must cover: all times without a path, which has no tolerance."""
     if path is None and (tolerance is not None or span is not None):
         raise InvalidInput("path", "None, with a tolerance or a span", "the Path of the tolerance and the span")
-    span = (0.0, trajectory.end) if path is None else check_span(span, path)
-    enforced = limits.names if enforced is None else enforced
-    if unknown := [field for field in enforced if field not in limits.names]:
+    return (0.0, trajectory.end) if path is None else check_span(span, path)
+
+
+def _judge_waypoints(proof: Certificate, waypoints: Array, tolerance: ToleranceLike | None) -> Certificate:
+    """Return the certificate of a motion without a path, with the path error along a polyline."""
+    if tolerance is None:
+        raise InvalidInput("tolerance", "None", "a largest distance and angle, because path is an array of waypoints")
+    tolerance = Tolerance.of(tolerance)
+    off = waypoint_error(proof.motion.robot, proof.motion.trajectory, waypoints, tolerance)
+    return replace(proof, path_error=off, tolerance=tolerance)
+
+
+def _check_enforced(enforced: tuple[str, ...] | None, limits: MotionLimits) -> tuple[str, ...]:
+    """Return the names of the enforced limits, by default all; raise InvalidInput for one that `limits` does not have."""
+    if unknown := [field for field in enforced or () if field not in limits.names]:
         raise InvalidInput("enforced", repr(unknown[0])[:60], f"names out of: {', '.join(limits.names)}")
-    tolerance = None if tolerance is None else Tolerance.of(tolerance)
-    check_rate(rate)
+    return limits.names if enforced is None else enforced
+
+
+def _check_analysis(analysis: MotionAnalysis | None, robot: Robot, trajectory: Trajectory) -> MotionAnalysis:
+    """Return the analysis of a motion, the given one if it is of this motion."""
     analysis = MotionAnalysis(robot, trajectory) if analysis is None else analysis
     if analysis.trajectory is not trajectory or analysis.robot != robot:
         raise InvalidInput("analysis", "the analysis of another motion", "that of this robot and trajectory")
-    criteria: dict[str, Any] = {"law": law, "enforced": enforced, "rate": rate, "tolerance": tolerance}
-    return _certify(analysis.along_path(path, *_required_accuracy(tolerance)), limits, before, span, scene, criteria)
+    return analysis
 
 
 def _required_accuracy(tolerance: Tolerance | None) -> tuple[tuple[float, float], float]:

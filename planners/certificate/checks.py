@@ -52,10 +52,11 @@ PERIODS = 1_000_000
 """Largest number of periods that are all evaluated: half a minute of computing."""
 
 
-def check_rate(rate: float) -> None:
-    """Raise InvalidInput unless a controller's rate [1/s] is in `RATES`."""
+def check_rate(rate: float) -> float:
+    """Return a controller's rate [1/s]; raise InvalidInput unless it is in `RATES`."""
     if not RATES[0] <= check_number(rate, "rate", "samples per second") <= RATES[1]:
         raise InvalidInput("rate", f"{rate:.9g}", f"samples per second, in [{RATES[0]:g}, {RATES[1]:g}]")
+    return rate
 
 
 def sampled_jerk(trajectory: Trajectory, rate: float) -> Array:

@@ -22,11 +22,11 @@ from optik.ik.base import ToleranceLike
 from optik.ik.problem import check_start
 from optik.tables import Names, read_table, warn_of_assumptions
 from optik.types import Array, Flags
-from planners.paths._waypoints import LEAST_VIA_TOLERANCE, read_joint_waypoints
 from planners.paths.base import Path, check_arm, fields
 from planners.paths.configurations import MISSED, choose_configurations
 from planners.paths.poses import rotation_derivative_norms
 from planners.paths.spline import ControlCurve
+from planners.paths.waypoints import LEAST_VIA_TOLERANCE, read_joint_waypoints
 from planners.trajectory.curve import BINOMIAL, bells
 
 SPANS_DIRECT, SPANS_PER_LEG = 4, (3, 6)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
@@ -16,9 +16,9 @@ from optik.compiled import compiled
 from optik.errors import InvalidInput
 from optik.tables import Names, read_table, warn_of_assumptions
 from optik.types import Array, Flags, Indices
-from planners.paths._waypoints import read_waypoints
 from planners.paths.base import Path, fields
 from planners.paths.poses import shortest_turn
+from planners.paths.waypoints import check_waypoints, read_waypoints
 from planners.trajectory.curve import bells
 
 METRES_PER_RADIAN = 0.1
@@ -101,7 +101,7 @@ class Polyline(Path):
     notes: tuple[str, ...] = ()
 
     def __init__(self, waypoints: ArrayLike, *, blend: ArrayLike = 1e-3, blend_rotation: ArrayLike = 1e-2) -> None:
-        self._given = _check_waypoints(waypoints)
+        self._given = check_waypoints(waypoints)
         self._blend = _check_tolerances(blend, "blend", "m", len(self._given) - 2)
         self._blend_rotation = _check_tolerances(blend_rotation, "blend_rotation", "rad", len(self._given) - 2)
         kept, room = _merge_waypoints(self._given, self._blend, self._blend_rotation)
@@ -307,15 +307,6 @@ def _write_twists(pieces: Pieces, piece: Indices, x: Array, order: int, out: Arr
             else:
                 out[k, j] = f2 * (d2[j] - d1[j])
                 out[k, 3 + j] = f2 * (w2[j] - y[j]) + (1.0 - 3.0 * f) * f1 * side + g * f * f * bent
-
-
-def _check_waypoints(waypoints: Any) -> Array:
-    if isinstance(waypoints, str | Mapping) or not isinstance(waypoints, Iterable):
-        raise InvalidInput("waypoints", repr(waypoints)[:60], "poses (k, 4, 4)")
-    checked = [se3.nearest_pose(se3.check_pose(T, f"waypoints[{i}]")) for i, T in enumerate(waypoints)]
-    if len(checked) < 2:
-        raise InvalidInput("waypoints", f"{len(checked)} poses", "at least two")
-    return np.stack(checked)
 
 
 def _check_tolerances(value: Any, argument: str, unit: str, corners: int) -> Array:

@@ -220,7 +220,7 @@ def test_a_joint_without_limits_is_turned_the_short_way_or_exactly(tmp_path: Pat
 def test_a_rounding_error_is_no_energy() -> None:
     plan = planners.plan(optik.load("paper6r"), [0.1, 0.0, 0.0, 0.0, 0.0, 0.0], np.zeros(6), timing="smooth")
     energy = plan.certificate.energy._replace(net=-3.87e-13)
-    words = describe_effort(replace(plan, _certificate=replace(plan.certificate, energy=energy)))
+    words = describe_effort(replace(plan.certificate, energy=energy), plan.robot)
     assert ": energy 0 J (" in words
 
 

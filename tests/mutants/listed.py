@@ -134,7 +134,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "planners/paths/spline.py": (*POINTS, *FREEDOM[::-1]),
     "planners/paths/screws.py": FREEDOM[::-1],
     "planners/paths/poses.py": (FREEDOM[1], *PATHS),
-    "planners/paths/_waypoints.py": ("tests/planners/test_waypoints.py",),
+    "planners/paths/waypoints.py": ("tests/planners/test_waypoints.py",),
     "planners/paths/arc.py": (PATHS[1], FREEDOM[1]),
     "planners/paths/line.py": (PATHS[0], FREEDOM[1]),
     "planners/paths/polyline.py": (PATHS[2], "tests/planners/test_polylines.py", FREEDOM[1]),

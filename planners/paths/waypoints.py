@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -51,6 +51,16 @@ class JointWaypoint(NamedTuple):
     tolerance: tuple[float, float] | None
 
 
+def check_waypoints(waypoints: Any, argument: str = "waypoints") -> Array:
+    """Return waypoints (k, 4, 4), at least two, with exact rotations."""
+    if isinstance(waypoints, str | Mapping) or not isinstance(waypoints, Iterable):
+        raise InvalidInput(argument, repr(waypoints)[:60], "poses (k, 4, 4)")
+    checked = [se3.nearest_pose(se3.check_pose(T, f"{argument}[{i}]")) for i, T in enumerate(waypoints)]
+    if len(checked) < 2:
+        raise InvalidInput(argument, f"{len(checked)} poses", "at least two")
+    return np.stack(checked)
+
+
 def read_waypoints(table: TextTable, orientation: ArrayLike | None, robot: Robot | None, unit: str | None) -> Array:
     """Return the poses (k, 4, 4) of a table; see `Polyline.from_csv`."""
     table, turned = _resolve(table, {}, unit)
@@ -89,7 +99,7 @@ def read_joint_waypoints(robot: Robot, table: TextTable, unit: str | None) -> li
         i = int(wrong.argmax()) if wrong.any() else ends[0]
         which = "start, a configuration without a tolerance" if i == 0 else "goal, without a tolerance"
         expected = "a configuration, or a pose and empty cells of the joints" if wrong.any() else f"the {which}"
-        raise InvalidInput(table.locate(i), repr(table.lines[i][1])[:100], expected)
+        raise InvalidInput(table.locate(i), repr(table.separator.join(table.lines[i][1]))[:100], expected)
     rows = table.select_rows(np.flatnonzero(at_joints))
     q, (lower, upper) = rows.read_numbers(list(joints)), (robot.limits.lower, robot.limits.upper)
     for row, i in np.argwhere((q < lower - LIMIT_TOLERANCE) | (q > upper + LIMIT_TOLERANCE))[:1]:
