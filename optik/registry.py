@@ -120,7 +120,9 @@ def short_name(name: Any) -> str:
         return text
     file, links = split_links(text)
     words = links.replace("=", " ").replace("&", ", ")
-    return f"{Path(file).stem} ({words})" if words else Path(file).stem
+    own = Path(file).stem in own_names("optik.robots")  # the suffix tells a vendor's ur5e.urdf from our ur5e
+    short = Path(file).name if own else Path(file).stem
+    return f"{short} ({words})" if words else short
 
 
 def find_loaded(group: str, name: str) -> Any | None:
@@ -284,6 +286,10 @@ def _check_stem(group: str, file: Path, kind: str) -> None:
     """Raise InvalidInput if a built-in method, an entry point or another loaded file has the name of a file."""
     name, other = file.stem, ""
     if name in own_names(group):
+        if (
+            group == "optik.robots" and file.suffix.lower() != ".py"
+        ):  # a vendor's ur5e.urdf: `short_name` tells both apart
+            return
         other = f"one of ours, {group}.{name}"
     elif points := entry_points(group).get(name, ()):
         other = f"an entry point of {' and '.join(describe_distribution(point) for point in points)}"

@@ -161,12 +161,12 @@ def test_a_file_that_was_edited_is_imported_anew_unless_it_fails_or_a_run_is_goi
     [
         ("lm.py", "optik.ik", "IK method"),
         ("optimal.py", "planners.timing", "time law"),
-        ("ur5e.toml", "optik.robots", "robot"),
+        ("ur5e.py", "optik.robots", "robot"),
     ],
 )
 def test_a_file_with_the_name_of_one_of_ours_is_refused(tmp_path: Path, name: str, group: str, kind: str) -> None:
     file = write(tmp_path / name)
-    for use in (registry.data_file if name.endswith("toml") else registry.load_method, registry.check_name):
+    for use in (registry.load_method, registry.check_name):
         with pytest.raises(InvalidInput, match=rf"^{kind}: .*{file.stem} as is one of ours, {group}.{file.stem}"):
             use(group, str(file), kind)
 
@@ -582,6 +582,8 @@ def test_a_broken_robot_or_suite_of_a_package_is_listed_with_its_error_beside_th
         ("two.urdf#tip=a&base=b", "two (tip a, base b)"),
         (Path("jt.py"), "jt"),
         ("lm", "lm"),
+        ("vendor/ur5e.urdf#tip=a", "ur5e.urdf (tip a)"),
+        ("vendor/ur5e.toml", "ur5e.toml"),
     ],
 )
 def test_reports_tell_two_arms_of_one_urdf_apart(name: Any, short: str) -> None:

@@ -10,6 +10,7 @@ import warnings
 from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 import optik
 from benchmarks.cli.bench import CheckCommand, ListCommand, NewCommand
@@ -31,7 +32,23 @@ from benchmarks.cli.runs import CompareCommand, DemoCommand, ReportCommand, RunC
 from optik.errors import InvalidMotion, NoSolution, OptikError, OutputError
 from optik.plugins import files
 
+UsageError: Any = typer.BadParameter.__base__
+"""The class of errors about what was typed."""
+
+ORDER = ("robots", "ik", "fk", "plan", "certify", "view", "drive", "cell", "demo", "bench", "doctor", "kernels")
+"""Commands in the order of the help: first what a user needs first."""
+
+
+class OrderedGroup(TyperGroup):
+    """A group that lists its commands in `ORDER`."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Return the names of the commands."""
+        return sorted(super().list_commands(ctx), key=ORDER.index)
+
+
 app = typer.Typer(
+    cls=OrderedGroup,
     help="Plan certified trajectories for serial arms, and compare methods of inverse kinematics and time laws.",
     rich_markup_mode="markdown",  # units in [brackets] are no markup
     no_args_is_help=True,
@@ -94,9 +111,14 @@ def main() -> None:
     warnings.showwarning = _show_warning
     try:
         try:
-            app()
+            status = app(standalone_mode=False)
         finally:
             sys.stdout.flush()  # a full disk is reported here
+        sys.exit(status or 0)
+    except UsageError as error:
+        _end_usage(error)
+    except typer.Abort:
+        sys.exit(130)
     except InvalidMotion as error:
         _end(f"not valid: {translate(str(error))}", 1)
     except NoSolution as error:
@@ -113,6 +135,16 @@ def main() -> None:
 def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
     """Print a warning as one line on the error stream."""
     err_console.print(f"warning: {translate(str(message))}", style="yellow", soft_wrap=True)
+
+
+def _end_usage(error: Any) -> None:
+    """End the process with one line on what was typed wrongly; a group without a command shows its help."""
+    command = error.ctx.command_path if error.ctx is not None else "optik"
+    if type(error).__name__ == "NoArgsIsHelpError":
+        error.show()
+        sys.exit(2)
+    words = " ".join(error.format_message().split()).rstrip(".").replace("Value error, ", "")
+    _end(f"error: {words}; for help: {command} --help", 2)
 
 
 def _end(words: str, status: int) -> None:

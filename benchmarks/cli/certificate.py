@@ -62,18 +62,21 @@ def describe_clearance(found: Any) -> str:
     )
 
 
-def print_certificate(plan: Any) -> None:
-    """Print a plan's certificate."""
+def print_certificate(plan: Any, by_law: tuple[str, ...]) -> None:
+    """Print a plan's certificate; `by_law` are the limits that its time law enforces."""
     from planners.limits import ALL_LIMITS, DERIVATIVES
 
     proof, off = plan.certificate, plan.certificate.path_error
     limits = (*ALL_LIMITS, *proof.extra)
     way = f"{1e3 * plan.path.end:.1f} mm" if plan.path.unit == "m" else f"{np.degrees(plan.path.end):.4g}°"
     title = f"{plan.solver} + {plan.law}: {way} in {proof.duration:.4f} s"
-    table = Table("", "peak / limit", "joint", "time, s", "enforced", title=title)
+    table = Table("", "peak / limit", "joint", "time, s", f"enforced by {plan.law}", title=title)
     for field in limits:
         ratio, joint, t = proof.worst(field)
-        name, required = field.replace("_", " "), "yes" if field in proof.enforced else "no"
+        name, required = (
+            field.replace("_", " "),
+            "yes" if field in by_law else "no, but given" if field in proof.enforced else "no",
+        )
         if not np.isnan(ratio):
             table.add_row(name, format_ratio(ratio), joint, f"{t:.3f}", required)
         elif field in DERIVATIVES:

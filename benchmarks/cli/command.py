@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 import re
 from abc import ABC, abstractmethod
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import MISSING, dataclass, field, fields
 from inspect import Parameter, Signature
-from itertools import takewhile
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, get_type_hints
 
@@ -21,7 +21,7 @@ import optik
 from benchmarks.cli.readers import format_numbers, read_bound, read_configuration, read_held, read_numbers, sample_start
 from optik.arm.model import unit_factors
 from optik.arm.tips import TIP_ADVICE
-from optik.errors import InvalidInput, RobotModelError
+from optik.errors import InvalidInput, RobotModelError, UnknownName
 from optik.plugins.files import is_path
 from optik.registry import names, short_name
 
@@ -94,13 +94,15 @@ def add_command(group: typer.Typer, name: str, kind: type[Command], example: str
     def run(**given: Any) -> None:
         try:
             kind(**given).run()
+        except UnknownName as error:
+            typed = name_typed(kind, given, error.kind, str(error))
+            error.args = (f"{typed}: {error}" if typed else str(error),)
+            raise
         except InvalidInput as error:
-            flags = {each.name: each.metadata["flag"] for each in fields(kind) if "flag" in each.metadata}
-            name = "waypoints" if error.argument == "file" else error.argument
-            if name in flags:  # an argument of the library
-                typed = flags[name] or f"--{name.replace('_', '-')}"
+            typed = name_typed(kind, given, error.argument, error.got)
+            if typed:
                 error.args = (f"{typed}{str(error).removeprefix(error.argument)}",)
-            if name != "values":  # --hold is in the file's units
+            if error.argument != "values":  # --hold is in the file's units
                 error.args = (translate(str(error)),)
             raise
 
@@ -108,6 +110,32 @@ def add_command(group: typer.Typer, name: str, kind: type[Command], example: str
     run.__annotations__ = {}
     epilog = f"Example: `optik {example}`"
     group.command(name, cls=NumbersCommand, help=kind.__doc__, epilog=epilog, **settings)(run)
+
+
+LIBRARY_NAMES = {
+    "IK method": "solver", "time law": "timing", "limit": "limit", "freedom": "free", "file format": "format",
+    "limits.tool_speed": "tool_speed", "limits.rotation_speed": "rotation_speed", "target": "xyz", "q": "q_deg",
+    "angle": "angle_deg", "data": "set_", "goal": "set_", "robot": "name", "drive": "on", "search": "avoid",
+}  # fmt: skip
+"""Arguments of the library, and kinds of names, that a command has under another name."""
+
+
+def name_typed(kind: type[Command], given: dict[str, Any], argument: str, got: str) -> str:
+    """Return the option or argument, as typed, that an argument of the library stands for; empty if there is none."""
+    known = {each.name: each.metadata for each in fields(kind) if "typer" in each.metadata}
+    if argument.rpartition(" ")[2] in ("file", "run"):  # one of several: that whose name was typed
+        named = [name for name, value in given.items() if value is not None and str(value) and str(value) in got]
+        argument = named[0] if len(named) == 1 else argument
+    elif argument not in known and f"{argument}s" not in known:
+        argument = LIBRARY_NAMES.get(argument, argument)
+    if argument == "on" and "on" not in known:
+        argument = "drive"
+    if argument not in known:
+        return ""
+    metavar = getattr(known[argument]["typer"], "metavar", None)
+    if "flag" not in known[argument]:
+        return str(metavar).strip("[]")
+    return known[argument]["flag"] or f"--{argument.replace('_', '-')}"
 
 
 def _list_parameters(kind: Any) -> list[Parameter]:
@@ -124,21 +152,24 @@ def _list_parameters(kind: Any) -> list[Parameter]:
 
 
 class NumbersCommand(TyperCommand):
-    """A command that refuses a vector typed as several arguments, with the correct form in the error."""
+    """A command that takes a vector typed as several arguments as one."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Check the arguments before they are parsed."""
+        """Join the numbers of each vector, then parse."""
         vectors = {name for p in self.params if getattr(p, "metavar", None) == NUMBERS for name in p.opts}
-        for i, arg in enumerate(args):
-            name, equals, value = arg.partition("=")
-            run = list(takewhile(_is_number, [*([value] if equals else []), *args[i + 1 :]]))
-            if name in vectors and len(run) > 1:
-                expected = f"one argument: {name} {','.join(run)}"
-                raise InvalidInput(name, f"{len(run)} arguments: {' '.join(run)}", expected)
-        found = [arg for arg in args if _is_number(arg)]
-        if len(found) > 1 and any(getattr(p, "metavar", None) == Q_DEG for p in self.params):
-            raise InvalidInput(Q_DEG, f"{len(found)} arguments: {' '.join(found)}", f"one argument: {','.join(found)}")
-        return list(super().parse_args(ctx, args))
+        joined, rest, q = list[str](), deque(args), list[str]()
+        while rest:
+            name, equals, value = rest.popleft().partition("=")
+            if name in vectors:
+                run = [value] if equals else []
+                while rest and (_is_number(rest[0]) or not run):
+                    run.append(rest.popleft())
+                joined += [name, *([",".join(run)] if run else [])]
+            elif _is_number(name) and any(getattr(p, "metavar", None) == Q_DEG for p in self.params):
+                q.append(name)
+            else:
+                joined.append(name + equals + value)
+        return list(super().parse_args(ctx, joined + ([",".join(q)] if q else [])))
 
     def get_help_option(self, ctx: Any) -> Any:
         """Return --help, in the last panel."""

@@ -53,8 +53,8 @@ class DriveCommand(JsonCommand):
     """Execute a saved motion on a simulated arm, or check it and send it to a controller of ROS 2.
 
     With --on ros, the motion is checked; only --execute sends it. The exit status is 0 if the arm reached the end of the
-    motion, or if the check without --execute passed. It is 1 if the arm was stopped, also by a fault, or the motion was
-    refused.
+    motion, or was stopped as --stop requested, or if the check without --execute passed. It is 1 after a fault, or if the
+    motion was refused.
     """
 
     plan: Path = argument("PLAN", f"A{STORED_MOTION[1:]}.")
@@ -92,7 +92,7 @@ class DriveCommand(JsonCommand):
             _print_execution(executed)
             if self.out is not None:
                 out_console.print(f"written to {self.out}")
-        raise typer.Exit(0 if executed.status in ("done", "dry_run") else 1)
+        raise typer.Exit(0 if executed.status in ("done", "dry_run", "stopped" if self.stop is not None else "") else 1)
 
     def _check(self) -> None:
         """Raise InvalidInput for options that do not fit together."""
@@ -315,6 +315,9 @@ def read_motion(file: Path, name: str = "PLAN") -> Motion:
     except InvalidInput as error:
         if error.argument == "file":  # its name, or that it cannot be read
             raise InvalidInput(name, error.got, STORED_MOTION) from None
+        if error.argument.endswith("format") and error.got == "None":
+            advice = f"`optik certify {file}` judges the motion of another program"
+            raise InvalidInput(name, f"{file}, which is none", STORED_MOTION, advice=advice) from None
         data = _read_json(file)
         if data.get("format") == EXECUTION:
             advice = "`optik view` shows this file"

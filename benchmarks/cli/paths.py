@@ -34,6 +34,8 @@ EXACT_WINDING_HELP = (
 """Help of ``--exact-winding``."""
 UNIT_HELP = "Unit of x,y,z without a unit in the header: m (default), mm, cm or in."
 """Help of ``--unit``."""
+DEMONSTRATION = "-0.12,0,0.2"
+"""Default of ``--move`` [m]: the line of the paper."""
 POSE_SYNTAX = "x,y,z[,roll,pitch,yaw] in the base frame [m, degrees]; without angles the tool keeps its orientation."
 """Syntax of a pose, for the help of several options."""
 
@@ -78,10 +80,16 @@ class LineCommand(ToolPathCommand):
     The exit status is 0 if there is a motion with a valid certificate. Otherwise it is 1, and nothing is written.
     """
 
-    move: str = numbers("Path", "Goal minus start, in the base frame [m].", "-0.12,0,0.2")
+    move: str = numbers("Path", f"Goal minus start, in the base frame [m]; by default {DEMONSTRATION}, to try it.", "")
     turn_deg: str = numbers(
         "Path", "Rotation of the tool along the line, as a rotation vector in the base frame [degrees].", "0,0,0"
     )
+
+    def load_start(self) -> Start:
+        """Load the robot and its start, with words on the demonstration if no line is typed."""
+        start = super().load_start()
+        words = f"a demonstration: --move {DEMONSTRATION}; for your own: --robot ROBOT --move X,Y,Z [m]"
+        return start if self.move else start._replace(words="\n".join(filter(None, (words, start.words))))
 
     def make_given(self, start: Start) -> planners.Path:
         """Return the line."""
@@ -92,7 +100,7 @@ class LineCommand(ToolPathCommand):
         if np.linalg.norm(turn) > 180.0:
             advice = "a line turns the shortest way"
             raise InvalidInput("--turn-deg", self.turn_deg, "a rotation vector of at most 180°", advice=advice)
-        position = T[:3, 3] + read_numbers(self.move, "--move", 3)
+        position = T[:3, 3] + read_numbers(self.move or DEMONSTRATION, "--move", 3)
         return planners.Line(T, se3.pose(se3.exp_so3(np.deg2rad(turn)) @ T[:3, :3], position))
 
 
@@ -118,7 +126,7 @@ class ArcCommand(ToolPathCommand):
             return planners.Arc.about(T, centre, axis, float(np.deg2rad(self.angle_deg)))
         if given == ["--via", "--to"]:
             return planners.Arc.through(T, read_numbers(self.via, "--via", 3), read_pose(self.to, "--to", T))
-        raise InvalidInput("arc", " and ".join(given) or "no option", "--via with --to, or --centre")
+        raise InvalidInput("--via", " and ".join(given) or "no option", "--via with --to, or --centre")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,7 +152,7 @@ class PolylineCommand(ToolPathCommand, TableCommand):
 
         if bool(self.via) == (self.waypoints is not None):
             came = "both" if self.via else "no option"
-            raise InvalidInput("polyline", came, "either --via (repeatable) or --waypoints FILE.csv")
+            raise InvalidInput("--via", came, "either --via (repeatable) or --waypoints FILE.csv")
         poses = [start.arm.fk(start.q)]
         if self.waypoints is not None:
             return planners.Polyline.from_csv(

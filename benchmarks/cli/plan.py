@@ -38,6 +38,8 @@ if TYPE_CHECKING:
 
 SILENT_START = 1e-4
 """Largest difference [rad, m] between the given start and that of the motion for which no line is printed."""
+SILENT_STRETCH = 1e-6
+"""Relative difference of the durations of a message and its plan up to which no words are printed."""
 MOTION_SUFFIXES = ", ".join(f".{name}" for name in names("planners.files"))
 """Suffixes of motions in files, for messages."""
 
@@ -147,8 +149,9 @@ class PlanCommand(MotionCommand, SceneCommand):
         )  # fmt: skip
         refused = find_forbidden(plan.certificate, allow) if plan.has_motion else ()
         valid = plan.has_motion and not refused
+        sent = None
         if valid and self.out is not None:
-            plan.save(self.out, format=self.format, rate=self.rate, allow=allow)
+            sent = plan.save(self.out, format=self.format, rate=self.rate, allow=allow)
         if not valid and self.out_failed is not None:
             _write_failed(plan, self.out_failed)
         begin = plan.trajectory(0.0) if plan.has_motion else start.q
@@ -158,7 +161,7 @@ class PlanCommand(MotionCommand, SceneCommand):
         if self.as_json:
             print_json(plan.to_dict())
             raise typer.Exit(0 if valid else 1)
-        print_certificate(plan)  # raises NoSolution without a motion
+        print_certificate(plan, law.list_enforced(plan.motion.limits))  # raises NoSolution without a motion
         print_choice(plan)
         if not valid:
             permission = f"--allow {','.join(words_for(refused, allow))} permits this motion"
@@ -171,7 +174,7 @@ class PlanCommand(MotionCommand, SceneCommand):
                 f"goal of the motion: {format_numbers(plan.goal * unit_factors(arm))} [degrees, prismatic mm]"
             )
         if self.out is not None:
-            out_console.print(f"written to {self.out}")
+            out_console.print(f"written to {self.out}{_describe_export(sent, plan)}", soft_wrap=True)
 
     def load(self, name: str = "") -> optik.Robot:
         """Load the robot with its payload."""
@@ -239,6 +242,15 @@ def choose_branch(start: Start, path: Any) -> str:
     if start.is_random:
         return "best"
     return "start" if np.abs(start.arm.pose_errors(start.q, path.pose(0.0))).max() <= START_TOLERANCE else "best"
+
+
+def _describe_export(sent: Any, plan: planners.Plan) -> str:
+    """Describe by how much a message lasts longer than its plan."""
+    if sent is None or not sent.trajectory.duration > plan.trajectory.duration * (1.0 + SILENT_STRETCH):
+        return ""
+    percent = 100.0 * (sent.trajectory.duration / plan.trajectory.duration - 1.0)
+    why = "whole periods, and the limits after controller interpolation"
+    return f": {sent.trajectory.duration:.4f} s, {percent:.3g} % longer than the plan, for {why}"
 
 
 def _write_failed(plan: planners.Plan, file: Path) -> None:

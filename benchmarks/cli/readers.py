@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from itertools import cycle, islice
+from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -35,7 +36,7 @@ def read_joint_values(arm: optik.Robot, text: str, name: str) -> Any:
     return arm.configuration(values, name)
 
 
-def read_numbers(text: str, name: str, *counts: int, what: str = "numbers") -> list[float]:
+def read_numbers(text: str, name: str, *counts: int, what: str = "numbers", infinite: bool = False) -> list[float]:
     """Read numbers separated by commas or spaces; `counts` are the permitted numbers of them."""
     such = ",".join(islice(cycle(("1", "-2.5", "3")), counts[0] if counts else 3))
     expected = f"{' or '.join(map(str, counts)) or 'one or more'} {what} in one argument, such as {such}"
@@ -43,6 +44,8 @@ def read_numbers(text: str, name: str, *counts: int, what: str = "numbers") -> l
         values = [float(word) for word in text.replace(",", " ").split()]
     except ValueError:
         raise InvalidInput(name, repr(text), expected) from None
+    if not all(map(isfinite, values)) and not infinite:
+        raise InvalidInput(name, repr(text), "finite numbers")
     if not values or (counts and len(values) not in counts):
         raise InvalidInput(name, f"{text!r}, {len(values)} number{'s' * (len(values) != 1)}", expected)
     return values
@@ -50,7 +53,7 @@ def read_numbers(text: str, name: str, *counts: int, what: str = "numbers") -> l
 
 def read_bound(text: str, name: str) -> Any:
     """Read the bound of a limit: one number, or several as a list."""
-    values = read_numbers(text, name)
+    values = read_numbers(text, name, infinite=True)
     return values if len(values) > 1 else values[0]
 
 

@@ -11,7 +11,7 @@ from optik.registry import build_method, names
 from planners.certificate.violation import Allow
 from planners.files.base import Format
 from planners.motion import HasMotion, Motion, get_motion
-from planners.ros.export import YAML_SUFFIXES, to_ros
+from planners.ros.export import YAML_SUFFIXES, RosExport, to_ros
 
 __all__ = ["Format", "check_output", "formats", "load_motion", "save"]
 
@@ -28,7 +28,7 @@ def save(
     format: str | os.PathLike[str] | None = None,
     rate: float | None = None,
     allow: Allow = (),
-) -> None:
+) -> RosExport | None:
     """Write a valid motion to a file, atomically, in the format of its suffix or in a named one.
 
     Every format holds the arm, the path, the limits, the law's name, the limits that the motion must respect, and the exact
@@ -48,6 +48,11 @@ def save(
         Violations to permit: ``"contact"``, ``"path"``, ``"limits"``, ``"jerk"``, ``"coverage"``, ``"not_proved"``. With all
         of them the motion is not certified.
 
+    Returns
+    -------
+    RosExport or None
+        For a message, the result of `to_ros`.
+
     Raises
     ------
     InvalidMotion
@@ -65,11 +70,11 @@ def save(
     """
     chosen, motion = check_output(file, format=format, rate=rate), get_motion(motion)
     if chosen is None:
-        to_ros(motion, file, rate=rate, allow=allow)
-        return
+        return to_ros(motion, file, rate=rate, allow=allow)
     motion.check_valid(allow)
     content = chosen.to_bytes(motion)
     write_atomically(file, lambda part: part.write_bytes(content))
+    return None
 
 
 def check_output(

@@ -10,7 +10,7 @@ from typing import Self
 import numpy as np
 
 import optik
-from optik.arm.reach import outside_reach
+from optik.arm.reach import FARTHEST_REACH, outside_reach
 from optik.arm.robot import Robot
 from optik.errors import NoSolution
 from optik.ik import IKResult, IKSolver, IKStatus, Tolerance
@@ -130,9 +130,18 @@ def explain_end(robot: Robot, path: Path, reach: Array, ended: TrackEnd, q: Arra
         i, name = ended.joint, robot.joint_names[ended.joint]
         low, high = robot.limits.lower[i], robot.limits.upper[i]
         reason = f"{name} reaches the end of its range [{low:.6g}, {high:.6g}] {joint_unit(robot, i)} at {at}"
-        return PlanFailure(FollowStatus.OUTSIDE_LIMITS, s, name, reason, "", sigma)
+        return PlanFailure(FollowStatus.OUTSIDE_LIMITS, s, name, reason + _ask_unit(path, reach), "", sigma)
     status, reason = _explain_beyond(robot, path, reach, ended, q, sigma)
-    return PlanFailure(status, s, None, f"{reason}; smallest singular value {sigma:.2g}", "", sigma)
+    reason = f"{reason}; smallest singular value {sigma:.2g}{_ask_unit(path, reach)}"
+    return PlanFailure(status, s, None, reason, "", sigma)
+
+
+def _ask_unit(path: Path, reach: Array) -> str:
+    """Return words on a path that ends so far away that its coordinates are probably in millimetres."""
+    distance = outside_reach(reach, path.pose(path.end), 0.0, 0.0)
+    if not distance > FARTHEST_REACH * reach[7]:
+        return ""
+    return f"; its end is {distance:.4g} m away, and the arm reaches {reach[7]:.4g} m (are its coordinates in millimetres?)"
 
 
 def _explain_beyond(

@@ -25,6 +25,7 @@ from planners.motion import Motion, PlanStatus
 from planners.motion.plot import motion_card, plot_motion
 from planners.motion.show import show_motion
 from planners.paths.base import Path
+from planners.ros.export import RosExport
 from planners.timing.base import StopKind
 from planners.trajectory import Trajectory
 
@@ -253,7 +254,7 @@ class Plan:
     def save(
         self, file: str | os.PathLike[str], *, format: str | os.PathLike[str] | None = None,
         rate: float | None = None, allow: Allow = (),
-    ) -> None:  # fmt: skip
+    ) -> RosExport | None:  # fmt: skip
         """Write the motion to a file, atomically, in the format of its suffix; `planners.load_motion` reads it.
 
         Parameters
@@ -266,6 +267,11 @@ class Plan:
             Points per second [1/s] of a format with points, such as CSV, and of a message; by default points at the knots.
         allow : str or several
             Violations to permit, as for `planners.save`.
+
+        Returns
+        -------
+        RosExport or None
+            For a message, the result of `to_ros`.
 
         Raises
         ------
@@ -280,7 +286,7 @@ class Plan:
         OutputError
             The file cannot be written.
         """
-        save(self.motion, file, format=format, rate=rate, allow=allow)
+        return save(self.motion, file, format=format, rate=rate, allow=allow)
 
 
 def _freedom_to_dict(chosen: FreedomResult) -> dict[str, Any]:

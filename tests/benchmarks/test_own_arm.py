@@ -15,6 +15,9 @@ import optik
 from benchmarks.cli.command import Start
 from benchmarks.cli.plan import choose_branch
 from benchmarks.cli.readers import sample_start
+from benchmarks.report import write_report
+from benchmarks.run import run_suite
+from benchmarks.suite import load_suite
 from optik.errors import InvalidInput
 from optik.plugins.files import forbid_code
 from planners import Line, MotionLimits, plan
@@ -138,3 +141,16 @@ def test_a_description_is_read_from_the_cache_of_its_package(tmp_path: Path, mon
     for wrong in ("robot_descriptions:", "robot_descriptions:os", "robot_descriptions:none_such_description"):
         with pytest.raises(InvalidInput):
             optik.load(wrong)
+
+
+def test_a_vendors_arm_with_the_name_of_one_of_ours_runs_in_a_suite(tmp_path: Path) -> None:
+    (tmp_path / "ur5e.urdf").write_text(ARM)
+    block = (
+        '\n[[budgets]]\nid = "{0}"\ntitle = "{0}"\nrobot = "{1}"\nset = "random_reachable"\noptions = {{ count = 5 }}\n'
+        'budgets = [50]\nmethods = [{{ solver = "lm" }}]\n'
+    )
+    text = block.format("theirs", "./ur5e.urdf") + block.format("ours", "ur5e")
+    (tmp_path / "suite.toml").write_text(f'title = "Two arms of one name"\nseed = 1\n{text}')
+    run = run_suite(load_suite(tmp_path / "suite.toml"), tmp_path / "run")
+    page = write_report(run).read_text(encoding="utf-8")
+    assert "ur5e.urdf" in page
