@@ -215,11 +215,19 @@ def pose(R: ArrayLike | None = None, p: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
     -------
     (4, 4) array
         The pose [1, m].
+
+    Raises
+    ------
+    InvalidInput
+        Another shape, or no numbers.
     """
     T = np.eye(4)
-    if R is not None:
-        T[:3, :3] = R
-    T[:3, 3] = p
+    parts = {"R": (R, T[:3, :3]), "p": (p, T[:3, 3])}
+    for argument, (value, part) in parts.items() if R is not None else [("p", parts["p"])]:
+        array = real_array(value, argument, f"an array of shape {part.shape}")
+        if array.shape != part.shape:
+            raise InvalidInput(argument, f"shape {array.shape}", f"an array of shape {part.shape}")
+        part[:] = array
     return T
 
 

@@ -147,6 +147,8 @@ def load(
     RobotModelError
         As `Robot.from_urdf`.
     """
+    if not isinstance(name, str | os.PathLike):
+        raise InvalidInput("name", repr(name)[:60], "a name from optik.robots(), or the path of a file")
     foreign = str(name).startswith(PREFIX)
     path, links = split_links(os.fspath(name)) if foreign or is_path(name) else ("", "")
     urdf = foreign or Path(path).suffix.lower() in URDF

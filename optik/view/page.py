@@ -148,6 +148,8 @@ def show_arm(robot: Robot, q: ArrayLike, scene: Scene | None = None) -> Page:
     InvalidInput
         A configuration of another length, NaN or infinity.
     """
+    if not isinstance(scene, Scene | None):
+        raise InvalidInput("scene", repr(scene)[:60], "a Scene")
     tool = robot.fk(q)[:3, 3]
     rest = np.asarray(q, dtype=np.float64)[None]
     return show_page(Show(robot, robot.name, Track(np.zeros(1), rest, np.zeros_like(rest)), tool[None], scene=scene))

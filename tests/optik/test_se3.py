@@ -1,5 +1,7 @@
 """Poses: logarithm, exponential, error, interpolation and the check, against SciPy's rotations."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -262,3 +264,9 @@ def test_the_pose_error_writes_nothing_beyond_its_arrays() -> None:
     se3.pose_error.py_func(T, target, plain)
     se3.pose_error(T, target, fast)
     np.testing.assert_allclose(plain, fast, rtol=0.0, atol=1e-15)
+
+
+@pytest.mark.parametrize(("R", "p"), [("x", [0, 0, 0]), (np.eye(4), [0, 0, 0]), (None, [1, 2]), (None, ["a"] * 3)])
+def test_a_pose_of_other_shapes_is_refused(R: Any, p: Any) -> None:
+    with pytest.raises(InvalidInput, match=r"^(R|p): expected an array of shape"):
+        se3.pose(R, p)
