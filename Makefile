@@ -25,7 +25,7 @@ soak: $(VENV)/.dev
 NEWEST := $(shell for v in 14 13 12 11; do python3.$$v -c '' 2>/dev/null && echo python3.$$v && break; done)
 newest: $(VENV)/.dev
 	$(NEWEST) -m venv .venv-newest
-	for extra in tests closed-form ros figures distributed shapes sim robots ros2 peers; do \
+	for extra in tests closed-form figures distributed shapes sim robots ros2 peers; do \
 	  .venv-newest/bin/python -m pip install --quiet --only-binary=:all: -e ".[$$extra]" || echo "skipped: pip cannot install $$extra for $(NEWEST)"; \
 	done
 	.venv-newest/bin/python -m pytest -n auto --dist loadfile --durations=40
@@ -36,7 +36,9 @@ mutants: $(VENV)/.dev
 
 # The documentation site, in docs/_build: a page for each file in docs/, and the API from the docstrings.
 docs: $(VENV)/.docs
-	$(BIN)/python -m sphinx -b html -W --keep-going -q docs docs/_build
+	rm -rf docs/_build
+	$(BIN)/python -m sphinx -b html -W --keep-going -q docs docs/_build/html
+	$(BIN)/python -m tests.site docs/_build/html
 
 # Compiled for every processor of this kind, collected anew from the usual calls and the documentation; a checkout uses them, too.
 kernels: $(VENV)/.dev
@@ -65,7 +67,7 @@ $(BIN)/python:
 
 $(VENV)/.core: pyproject.toml constraints.txt | $(BIN)/python
 	@echo "installing optik and what it needs into $(VENV)"
-	$(BIN)/python -m pip install --progress-bar off -e '.[closed-form]'
+	$(BIN)/python -m pip install --progress-bar off -e '.[bench,closed-form]'
 	@touch $@
 
 $(VENV)/.dev: pyproject.toml constraints.txt | $(BIN)/python
@@ -81,4 +83,4 @@ $(VENV)/.docs: pyproject.toml constraints.txt | $(BIN)/python
 	@touch $@ $(VENV)/.core
 
 clean:
-	rm -rf $(VENV) .venv-newest $(OUT) dist optik/compiled/_kernels docs/_build .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf $(VENV) .venv-newest $(OUT) dist optik/compiled/_kernels docs/_build docs/generated .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -13,6 +13,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+ROOT = Path(__file__).resolve().parents[1]
+"""Folder of our packages, so that a fresh process imports the same code."""
 PACKAGES = ("optik-toolkit", "numpy", "scipy", "numba", "casadi", "ruckig", "toppra", "polars", "plotly", "mujoco",
             "ompl", "vamp-planner")  # fmt: skip
 """This package, its dependencies, and the simulator if installed; versions of peers are stored with their results."""

@@ -16,8 +16,7 @@ from io import FileIO
 from pathlib import Path
 from typing import Any, Self
 
-import polars as pl
-
+from benchmarks.extras import polars as pl
 from optik.errors import InvalidInput, OutputError
 from optik.file_io import write_atomically
 
@@ -185,9 +184,6 @@ MANIFEST = "run.json"
 
 MANIFEST_KEYS = {"suite", "title", "fingerprint", "settings", "command", "provenance", "continued", "complete"}
 """Keys that the manifest must have."""
-
-LOCK = ".lock"
-"""File of the lock that a writing process holds."""
 
 
 class RunFolder(Store):

@@ -1,10 +1,20 @@
 """Settings of the documentation site: ``make docs`` builds it with warnings as errors."""
 
+import os
 import re
+import sys
 import tomllib
 from pathlib import Path
+from typing import Any
 
+from docutils.nodes import SkipNode
+from latex2mathml.converter import convert
 from sphinx.application import Sphinx
+
+sys.path.insert(0, str(Path(__file__).parent.parent))
+os.environ["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"  # the notebooks call `optik`
+
+from docs.generate import list_reference, write_pages
 
 _PROJECT = tomllib.loads((Path(__file__).parent.parent / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 
@@ -13,13 +23,22 @@ author = "The optik authors"
 release = version = _PROJECT["version"]
 html_title = f"optik {release}"
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx_copybutton", "sphinx_design"]
 exclude_patterns = ["_build"]
-source_suffix = {".md": "markdown"}
+source_suffix = {".md": "myst-nb"}
+smartquotes_action = "D"  # dashes only: q' is a derivative
+html_math_renderer = "mathml"
+
+nb_execution_mode = "force"
+nb_execution_raise_on_error = True
+nb_execution_timeout = 120
+nb_merge_streams = True
 
 # Pages and their plots: no request leaves the reader's browser.
 default_role = "py:obj"
 html_theme = "furo"
+html_static_path = ["generated/static", "site.css"]
+html_css_files = ["site.css"]
 html_copy_source = False
 html_show_sourcelink = False
 
@@ -28,6 +47,7 @@ myst_heading_anchors = 4
 
 # Types stand in the docstrings, with shapes and units, which annotations cannot say.
 autodoc_typehints = "none"
+python_maximum_signature_line_length = 80
 autodoc_member_order = "groupwise"
 napoleon_google_docstring = False
 napoleon_use_rtype = False
@@ -68,6 +88,24 @@ def _skip_fields(app: object, what: str, name: str, found: object, skip: bool, o
     return True if str(getattr(found, "__doc__", "")).startswith("Alias for field number") else None
 
 
+def _write_pages(app: Sphinx, config: object) -> None:
+    """Write the pages that are made of the code."""
+    write_pages()
+
+
+def _list_reference(app: Sphinx, name: str, source: list[str]) -> None:
+    """Show the objects of a page of the reference as a table of links."""
+    if name.startswith("api/"):
+        source[0] = list_reference(source[0])
+
+
+def _write_formula(translator: Any, node: Any) -> None:
+    """Write a formula as MathML, which browsers show without a script."""
+    formula = convert(node.astext(), display="block" if node.tagname == "math_block" else "inline")
+    translator.body.append(formula if node.tagname == "math" else f'<div class="math">{formula}</div>')
+    raise SkipNode
+
+
 def setup(app: Sphinx) -> None:
     """Called by Sphinx at its start.
 
@@ -76,6 +114,9 @@ def setup(app: Sphinx) -> None:
     app : Sphinx
         The build.
     """
+    app.add_html_math_renderer("mathml", (_write_formula, None), (_write_formula, None))
+    app.connect("config-inited", _write_pages)
+    app.connect("source-read", _list_reference)
     app.connect("autodoc-process-docstring", _escape_bars, priority=100)
     app.connect("autodoc-process-docstring", _plain_types, priority=900)
     app.connect("autodoc-skip-member", _skip_fields)

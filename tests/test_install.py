@@ -56,3 +56,49 @@ def test_what_has_no_wheels_on_a_platform_is_not_required_there(platform: str) -
         marker = requirement.marker
         here = marker is None or marker.evaluate({"sys_platform": system, "platform_machine": machine})
         assert here == (requirement.name not in absent), requirement
+
+
+LIGHT = """
+import sys
+for name in ("polars", "plotly", "matplotlib", "pandas", "PIL", "scipy.ndimage"):
+    sys.modules[name] = None
+import optik, planners
+from benchmarks.cli.app import main
+main()
+"""
+
+
+def light(*arguments: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    """A command where nothing of the extra `bench` is installed."""
+    command = [sys.executable, "-c", LIGHT, *arguments]
+    return subprocess.run(command, capture_output=True, text=True, check=False, cwd=folder)
+
+
+def test_what_plans_needs_nothing_of_the_extra_for_comparisons(tmp_path: Path) -> None:
+    for words in (
+        "ik --xyz 0.3,0.2,0.4", "plan line --out line.json", "certify line.csv", "view line.json --html line.html",
+        "drive line.json", "robots", "bench --help",
+    ):  # fmt: skip
+        if words.startswith("certify"):
+            (tmp_path / "line.csv").write_text(
+                "t,joint1,joint2,joint3,joint4,joint5,joint6\n0,0,0,0,0,0,0\n9,0,0,0,0,0,0.1\n"
+            )
+        done = light(*words.split(), folder=tmp_path)
+        assert done.returncode == (1 if words.startswith("certify") else 0), done.stderr
+
+
+@pytest.mark.parametrize(
+    "words", ["bench run paper --out run", "bench list", "bench report run", "bench compare a b", "demo"]
+)
+def test_a_comparison_names_the_extra_in_one_line(words: str, tmp_path: Path) -> None:
+    done = light(*words.split(), folder=tmp_path)
+    assert done.returncode == 2
+    (line,) = done.stderr.strip().splitlines()
+    assert line.endswith("pip install 'optik-toolkit[bench]'"), line
+
+
+def test_an_import_loads_no_package_for_plots_tables_or_images() -> None:
+    code = "import sys, optik, planners; print(*sys.modules)"
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    heavy = {"polars", "pydantic", "plotly", "matplotlib", "pandas", "PIL", "scipy.ndimage", "jinja2", "typer", "rich"}
+    assert not heavy & set(loaded)

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from benchmarks.blocks.block import Entry
 from benchmarks.peers.base import Absent, Answer
+from benchmarks.provenance import ROOT
 from benchmarks.records import Journal
 from optik.errors import OptikError
 from optik.plugins.files import is_path
@@ -168,10 +169,6 @@ def version_words(about: Mapping[str, Any]) -> str:
     if about["kind"] == "peer":
         return "–"
     return f"own file {Path(name).name}" if is_path(name) else "this version"
-
-
-ROOT = Path(__file__).resolve().parents[2]
-"""Folder of our packages, so that a fresh process imports the same code."""
 
 
 class ProcessFailed(OptikError, RuntimeError):

@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -215,8 +216,8 @@ class KernelsCommand(JsonCommand):
 
 def _compile(jobs: int, environment: dict[str, str]) -> None:
     """Compile common calls in several processes, one such run at a time."""
-    from benchmarks.kernels.parts import WARM_UP, Progress, run_parts
-    from benchmarks.run.manifest import locked
+    from benchmarks.kernels.parts import COMPARED, WARM_UP, Progress, run_parts
+    from optik.file_io import locked
 
     kernel: Any = forward
     folder = KernelCache(kernel).cache_path
@@ -224,7 +225,8 @@ def _compile(jobs: int, environment: dict[str, str]) -> None:
         raise OutputError("the cache", "no folder is writable; set NUMBA_CACHE_DIR to a folder")
     progress = Progress()
     with locked(Path(folder), wait=True):
-        failed = run_parts(list(WARM_UP), jobs, progress, **environment)
+        parts = [part for part in WARM_UP if find_spec("polars") is not None or part not in COMPARED]
+        failed = run_parts(parts, jobs, progress, **environment)
     err_console.print(f"compiled {progress.end()}")
     if failed:
         raise NoSolution("; ".join(f"{part}: {words}" for part, words in failed.items()))

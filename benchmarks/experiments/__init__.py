@@ -1,1 +1,3 @@
 """Experiments: the claims and misprints of the paper, evaluated on the data of a run."""
+
+import benchmarks.extras  # noqa: F401 -- before the modules that need them

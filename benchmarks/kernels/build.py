@@ -12,8 +12,8 @@ from tempfile import TemporaryDirectory
 from numba.core.caching import _CacheLocator
 from numba.core.registry import cpu_target
 
-from benchmarks.blocks.contest import ROOT
 from benchmarks.kernels.parts import SHIPPED, Progress, run_parts
+from benchmarks.provenance import ROOT
 from optik.compiled import archive
 from optik.compiled.cache import read_code
 from optik.compiled.fingerprint import VERSIONS

@@ -21,7 +21,7 @@ from numba.core import event
 
 import optik
 import planners
-from benchmarks.blocks.contest import ROOT
+from benchmarks.provenance import ROOT
 from optik.compiled.kernel import Helper, Kernel
 
 REST = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
@@ -126,6 +126,8 @@ def pages() -> None:
 
 WARM_UP: dict[str, Callable[[], None]] = {"lines": lines, "ik": ik, "panda": panda, "cell": cell, "demo": demo}
 """The parts that an installed package can run, in the best order for two processes."""
+COMPARED = ("demo",)
+"""The parts that need the extra `bench`."""
 SHIPPED: dict[str, Callable[[], None]] = WARM_UP | {"chains": chains, "pages": pages}
 """The parts whose kernels are shipped in the wheel."""
 

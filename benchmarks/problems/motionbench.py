@@ -85,7 +85,7 @@ def read_problem(
         known = ", ".join(dict.fromkeys(kind for kind, _number in problems))
         raise InvalidInput("problem", f"{kind!r} {number}", f"a number of one of {known}"[:160])
     texts = problems[kind, number]
-    ends = np.array([*_read_ends(parse_yaml(texts["request"], "request", "reading motion requests"), robot)])
+    ends = np.array([*_read_ends(parse_yaml(texts["request"], "request"), robot)])
     start, goal = inside = _move_onto_limits(robot, ends)
     moved = bool((inside != ends).any())
     given = scene_from_moveit(texts["scene"])

@@ -1,5 +1,6 @@
 """Runs of a suite, in processes or on a cluster, which can be interrupted and resumed at any time."""
 
+import benchmarks.extras  # noqa: F401 -- before the modules that need them
 from benchmarks.run.session import run_suite
 
 __all__ = ["run_suite"]

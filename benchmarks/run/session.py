@@ -16,12 +16,13 @@ from benchmarks.blocks.block import hash_problems
 from benchmarks.provenance import time_reference
 from benchmarks.records import JOURNAL, Journal, RunFolder, failures, record_failures, update_manifest
 from benchmarks.run.cluster import Cluster
-from benchmarks.run.manifest import Lock, begun, new_manifest, resumed
+from benchmarks.run.manifest import begun, new_manifest, resumed
 from benchmarks.run.pool import IN_FLIGHT, Child, Failure, Pool, Processes, ThisProcess, solve_shards, words_of_error
 from benchmarks.suite import Suite, suite_of
 from optik.arm.library import load
 from optik.check import check_count, check_number
 from optik.errors import InvalidInput, OptikError
+from optik.file_io import Lock
 from optik.plugins.usage import check_allowed
 from optik.registry import own_names, short_name
 

@@ -119,7 +119,7 @@ class JointLimits:
 
     @cached_property
     def half(self) -> Array:
-        """Half (n,) of the position range [rad, m]: 0 for a locked joint, infinite where a limit is infinite."""
+        """Half (n,) of the position range [rad, m], 0 for a locked joint, infinite where a limit is infinite."""
         return freeze(0.5 * self.upper - 0.5 * self.lower, "half")
 
     @cached_property

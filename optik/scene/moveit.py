@@ -49,7 +49,7 @@ Part = tuple[str, str, Any]
 @np.errstate(over="ignore", invalid="ignore")  # a scene refuses what is too far away
 def scene_from_moveit(text: str, suffix: str = ".yaml") -> dict[str, Any]:
     """Read the arguments of a `Scene` from a MoveIt planning scene in YAML, or in its text format, ``.scene``."""
-    data = message_from_text(text) if suffix == ".scene" else parse_yaml(text, "scene", "reading MoveIt scenes")
+    data = message_from_text(text) if suffix == ".scene" else parse_yaml(text, "scene")
     scene = read_record(read_fields(data, "scene"), ("world",), "scene", optional=PLANNING_SCENE_KEYS)
     world = read_record(scene["world"], (), "world", optional=("collision_objects", "octomap"))
     state = read_fields(scene.get("robot_state") or {}, "robot_state")

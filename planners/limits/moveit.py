@@ -84,7 +84,7 @@ def read_limits(
         raise InvalidInput(
             "joint_names", repr(joint_names)[:60], "a mapping from the robot's joint names to the file's"
         )
-    data = parse_yaml(decode_text(read_bytes(Path(file))), str(file), "reading limits of joints")
+    data = parse_yaml(decode_text(read_bytes(Path(file))), str(file))
     joints = _find_joints(data, str(file))
     names = [(joint_names or {}).get(name, name) for name in robot.joint_names]
     if not set(names) & set(joints):

@@ -202,7 +202,7 @@ class Plan:
 
     @property
     def goal(self) -> Array:
-        """Configuration (n,) in which the motion ends [rad, m]: of several goals, the one taken."""
+        """Configuration (n,) in which the motion ends [rad, m], of several goals, the one taken."""
         return np.asarray(self.trajectory(self.trajectory.duration))
 
     def to_dict(self) -> dict[str, Any]:

@@ -131,7 +131,7 @@ def from_text(text: str, suffix: str) -> Any:
     """Return the plain data of JSON or YAML."""
     if suffix == ".json":
         return parse_json(text, "content")
-    return parse_yaml(text, "content", "reading ROS messages from YAML")
+    return parse_yaml(text, "content")
 
 
 def _to_yaml(message: dict[str, Any], remarks: list[str]) -> str:

@@ -14,11 +14,11 @@ from typing import Any
 import polars as pl
 import pytest
 
-from benchmarks.records import LOCK, RunFolder
+from benchmarks.records import RunFolder
 from benchmarks.run import run_suite
-from benchmarks.run.manifest import locked
 from benchmarks.suite import Suite, suite_of
 from optik.errors import InvalidInput, OptikError, OutputError
+from optik.file_io import LOCK, locked
 from tests.benchmarks.toy import TOY_COMMAND
 from tests.oracles import REPOSITORY
 
@@ -40,7 +40,7 @@ def state(out: Path) -> dict[str, tuple[int, int]]:
 
 def test_two_processes_do_not_work_in_one_folder(tmp_path: Path) -> None:
     with locked(tmp_path / "run"):
-        code = "from pathlib import Path; from benchmarks.run.manifest import locked; locked(Path(r'{}')).__enter__()"
+        code = "from pathlib import Path; from optik.file_io import locked; locked(Path(r'{}')).__enter__()"
         done = subprocess.run(
             [sys.executable, "-c", code.format(tmp_path / "run")], capture_output=True, text=True, check=False
         )

@@ -13,9 +13,10 @@ from pathlib import Path
 import pytest
 from polars.testing import assert_frame_equal
 
-from benchmarks.records import LOCK, RunFolder
+from benchmarks.records import RunFolder
 from benchmarks.run import run_suite
 from benchmarks.suite import load_suite
+from optik.file_io import LOCK
 from tests.benchmarks.test_run_workers import until
 from tests.oracles import REPOSITORY
 

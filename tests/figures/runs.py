@@ -15,7 +15,8 @@ from tempfile import mkdtemp
 
 import polars as pl
 
-from benchmarks.records import LOCK, RunFolder
+from benchmarks.records import RunFolder
+from optik.file_io import LOCK
 from tests.benchmarks.test_journal import DEADLY
 from tests.benchmarks.test_run_dask import cluster
 from tests.benchmarks.test_run_workers import until

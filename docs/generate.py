@@ -1,0 +1,215 @@
+"""Pages of the site that are made of the code: one for each public object, the command line, and the gallery of examples.
+
+``make docs`` calls `write_pages`; the pages are in docs/generated, which git ignores.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import inspect
+import io
+import os
+import re
+import runpy
+import shutil
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import typer
+from plotly.offline import get_plotlyjs
+
+DOCS = Path(__file__).parent
+ROOT, OUT = DOCS.parent, DOCS / "generated"
+LISTED = re.compile(r"```\{eval-rst\}\n(.*?)```", re.S)
+"""The blocks of docs/api that name objects for Sphinx."""
+MOST_EXAMPLE_LINES = 14
+"""Longest code block of the documentation that is shown as the example of an object."""
+ARGUMENTS = {"batch": ["3000"]}
+"""Arguments of examples that are shown, to be quick."""
+
+
+def write_pages() -> None:
+    """Write all generated pages anew."""
+    shutil.rmtree(OUT, ignore_errors=True)
+    for folder in ("reference", "gallery", "static"):
+        (OUT / folder).mkdir(parents=True)
+    (OUT / "static" / "plotly.min.js").write_text(get_plotlyjs(), encoding="utf-8")  # no page loads it from elsewhere
+    examples = find_examples()
+    for page in sorted((DOCS / "api").glob("*.md")):
+        for _, _, name, thing in list_objects(page.read_text(encoding="utf-8")):
+            text = describe_object(name, thing, examples.get(name.rpartition(".")[2], []))
+            (OUT / "reference" / f"{name}.md").write_text(text, encoding="utf-8")
+    (OUT / "command_line.md").write_text(describe_command_line(), encoding="utf-8")
+    write_gallery()
+
+
+# ---------------------------------------------------------------- one page for each object
+
+
+def list_objects(text: str) -> list[tuple[str, str, str, Any]]:
+    """Return block, directive, qualified name and object of everything that a page of docs/api lists."""
+    found = []
+    for block in LISTED.findall(text):
+        for kind, module, options in re.findall(r"\.\. (auto\w+):: (\S+)\n((?:   :.*\n)*)", block):
+            if kind == "autofunction":
+                module, _, name = module.rpartition(".")
+                found.append((block, kind, f"{module}.{name}", getattr(importlib.import_module(module), name)))
+                continue
+            given, left = (re.search(rf":{key}:(.*)", options) for key in ("members", "exclude-members"))
+            whole = importlib.import_module(module)
+            own = [n for n, v in vars(whole).items() if n[0] != "_" and getattr(v, "__module__", "") == module]
+            names = re.findall(r"\w+", given[1] if given else "") or list(getattr(whole, "__all__", own))
+            names = [name for name in names if name not in re.findall(r"\w+", left[1] if left else "")]
+            found += [(block, kind, f"{module}.{name}", getattr(whole, name)) for name in names]
+    return [one for one in found if callable(one[3])]
+
+
+def summarize(thing: Any) -> str:
+    """Return the first line of a docstring."""
+    return " ".join((inspect.getdoc(thing) or "").partition("\n\n")[0].split())
+
+
+def list_reference(text: str) -> str:
+    """Return a page of docs/api with a table of links in place of the blocks that Sphinx would expand."""
+    for block in LISTED.findall(text):
+        rows = [(name, thing) for own, _, name, thing in list_objects(text) if own == block]
+        cells = [
+            (f"[`{name.rpartition('.')[2]}`](../generated/reference/{name}.md)", summarize(thing))
+            for name, thing in rows
+        ]
+        table = "".join(f"| {link} | {words.replace('|', chr(92) + '|')} |\n" for link, words in cells)
+        pages = "".join(f"../generated/reference/{name}\n" for name, _ in rows)
+        links = f"| | |\n|---|---|\n{table}\n```{{toctree}}\n:hidden:\n\n{pages}```\n"
+        text = text.replace(f"```{{eval-rst}}\n{block}```\n", links)
+    return text
+
+
+def find_examples() -> dict[str, list[tuple[str, str]]]:
+    """Return for each called name the code blocks of the documentation that call it: page and code, the shortest first."""
+    found: dict[str, list[tuple[str, str]]] = {}
+    for page in sorted(DOCS.glob("*.md")):
+        for code in re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), flags=re.S):
+            for name in set(re.findall(r"\b(\w+)\(", code)) | set(re.findall(r"\b([A-Z]\w+)\.", code)):
+                found.setdefault(name, []).append((page.stem, code))
+    return {name: sorted(blocks, key=lambda block: block[1].count("\n")) for name, blocks in found.items()}
+
+
+def describe_object(name: str, thing: Any, examples: list[tuple[str, str]]) -> str:
+    """Return the page of an object: its documentation, an example, and the pages that use it."""
+    directive = ".. autoclass::" if inspect.isclass(thing) else ".. autofunction::"
+    members = (
+        "\n   :members:\n   :inherited-members: object, tuple, str, Exception, LookupError, ABC"
+        if inspect.isclass(thing)
+        else ""
+    )
+    text = f"# {name}\n\n```{{eval-rst}}\n{directive} {name}{members}\n```\n"
+    if short := [code for _, code in examples if code.count("\n") <= MOST_EXAMPLE_LINES][:1]:
+        text += f"\n## Example\n\n```python\n{short[0]}```\n"
+    if pages := sorted({page for page, _ in examples}):
+        text += f"\nUsed in: {', '.join(f'[{page}](../../{page}.md)' for page in pages)}.\n"
+    return text
+
+
+# ---------------------------------------------------------------- the command line
+
+
+def describe_command_line() -> str:
+    """Return the page of all commands, with their options in the order of their panels."""
+    from benchmarks.cli.app import app
+
+    text = "# Command line\n\nEach command prints this with `--help`.\n"
+    for words, command in walk("optik", typer.main.get_command(app)):
+        text += f"\n## {words}\n\n{inspect.cleandoc(command.help or '')}\n"
+        if command.epilog:
+            text += f"\n{command.epilog}\n"
+        panels: dict[str, list[str]] = {}
+        for p in command.params:
+            panel = getattr(p, "rich_help_panel", None) or (
+                "Arguments" if p.param_type_name == "argument" else "Options"
+            )
+            typed = ", ".join(f"`{flag}`" for flag in p.opts) if p.param_type_name == "option" else f"`{p.metavar}`"
+            default = "required" if p.required else "" if p.default in (None, "", False, ()) else f"`{p.default}`"
+            words_of = " ".join((getattr(p, "help", "") or "").split()).replace("|", "\\|")
+            panels.setdefault(panel, []).append(f"| {typed} | {words_of} | {default} |\n")
+        for panel, rows in panels.items():
+            text += f"\n**{panel}**\n\n| | | default |\n|---|---|---|\n{''.join(rows)}"
+    return text
+
+
+def walk(words: str, command: Any) -> list[tuple[str, Any]]:
+    """Return all commands that are no groups, with the words that call them."""
+    inner = getattr(command, "commands", None)
+    if inner is None:
+        return [(words, command)]
+    return [each for name in command.list_commands(None) for each in walk(f"{words} {name}", inner[name])]
+
+
+# ---------------------------------------------------------------- the gallery
+
+
+def write_gallery() -> None:
+    """Run each example, and write its page: what it prints, a picture of its plan, its code, and a download."""
+    rows, pages = "", ""
+    for file in sorted((ROOT / "examples").glob("*.py")):
+        title = (inspect.cleandoc(file.read_text(encoding="utf-8").split('"""')[1]).splitlines()[0]).rstrip(".")
+        printed, picture, card = run_example(file)
+        link = f"../../../examples/{file.name}"
+        (OUT / "gallery" / f"{file.stem}.md").write_text(
+            f"# {title}\n\n{picture}\nIt prints:\n\n```text\n{printed}```\n\n"
+            f"{{download}}`{file.name} <{link}>`:\n\n```{{literalinclude}} {link}\n```\n",
+            encoding="utf-8",
+        )
+        rows += f"## [{title}](gallery/{file.stem}.md)\n\n{card}\n"
+        pages += f"gallery/{file.stem}\n"
+    plugins = "".join(describe_plugin(file) for file in sorted((ROOT / "examples" / "plugins").glob("*.*")))
+    head = "Scripts that run from any folder, with their code, what they print, and a download.\n"
+    toctree = f"```{{toctree}}\n:hidden:\n\n{pages}plugins\n```\n"
+    more = (
+        "## [Plug-ins in one file](plugins.md)\n\nA method, law, limit, path, freedom, search or format of your own.\n"
+    )
+    page = f"# Gallery\n\n{head}\n{toctree}\n{rows}\n{more}"
+    (OUT / "gallery.md").write_text(page, encoding="utf-8")
+    words = "Each file adds one thing to optik. [Extending](../extending.md) has the rules.\n"
+    (OUT / "plugins.md").write_text(f"# Plug-ins in one file\n\n{words}\n{plugins}", encoding="utf-8")
+
+
+def run_example(file: Path) -> tuple[str, str, str]:
+    """Return what an example prints, and the viewer and the card of its last plan as HTML."""
+    from optik.view.page import Page, make_page
+    from planners import Plan
+    from planners.motion.show import show_motion
+
+    with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stdout(io.StringIO()) as out:
+        before, argv = os.getcwd(), sys.argv
+        os.chdir(folder)
+        sys.argv = [str(file), *ARGUMENTS.get(file.stem, [])]
+        try:
+            found = runpy.run_path(str(file), run_name="__main__")
+        finally:
+            os.chdir(before)
+            sys.argv = argv
+    plans = [value for value in found.values() if isinstance(value, Plan) and value.has_motion]
+    printed = out.getvalue().replace(folder, ".")
+    if not plans:
+        first = "\n".join(printed.splitlines()[:12])
+        return printed, "", f"```text\n{first}\n```\n"
+    page = Page(make_page(show_motion(plans[-1])))
+    return printed, raw_html(page._repr_html_()), raw_html(plans[-1]._repr_html_())
+
+
+def raw_html(html: str) -> str:
+    """Return HTML as a block of a page."""
+    return f"````{{raw}} html\n{html}\n````\n"
+
+
+def describe_plugin(file: Path) -> str:
+    """Return the section of a plug-in: its first lines as text, and a download."""
+    if file.suffix not in (".py", ".toml"):
+        return ""
+    text = file.read_text(encoding="utf-8")
+    words = inspect.cleandoc(text.split('"""')[1]) if file.suffix == ".py" else text.splitlines()[0].lstrip("# ")
+    words = words.replace("``", "`")
+    return f"## {file.stem}\n\n{words}\n\n{{download}}`{file.name} <../../examples/plugins/{file.name}>`\n\n"
