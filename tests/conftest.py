@@ -1,10 +1,13 @@
 """What every test shares: property tests that draw the same examples in every run and are never timed."""
 
+import os
+
 import pytest
 from hypothesis import HealthCheck, settings
 
 from tests.outside import give
 
+os.environ.setdefault("OPTIK_COMPILES", "quiet")  # the tests read what processes write to the error stream
 ALIKE = {
     "deadline": None,
     "derandomize": True,

@@ -11,6 +11,7 @@ import sys
 import time
 from collections.abc import Callable
 from functools import cached_property
+from multiprocessing import parent_process
 from typing import Any, ClassVar, TypeVar
 
 from numba.core import config, types
@@ -26,7 +27,9 @@ config.reload_config()
 F = TypeVar("F", bound=Callable[..., Any])
 """Type of the function: the type checker sees the signature of the compiled function."""
 QUIET_SECONDS = 2.0
-"""Time of compilation after which a terminal shows progress."""
+"""Time of compilation after which a process says that it compiles [s]."""
+FIRST_USE = "optik: compiling on first use, about a minute; later runs use the cache (in advance: `optik kernels --compile`)"
+"""The line of a notebook, an editor or a log, once in a process."""
 
 
 def compiled(function: F) -> F:
@@ -101,6 +104,9 @@ class _Process:
     level: Any = None  # Numba's optimisation level before the outermost compilation
     seconds: float = 0.0  # of all earlier compilations [s]
     begin: float = 0.0  # of the outermost compilation [s]
+    told: bool = (
+        os.environ.get("OPTIK_COMPILES") == "quiet" or parent_process() is not None
+    )  # `FIRST_USE`, or not wanted
 
 
 class _Compiler(_FunctionCompiler):  # type: ignore[misc]
@@ -128,8 +134,13 @@ class _Compiler(_FunctionCompiler):  # type: ignore[misc]
 
 
 def _tell(name: str) -> None:
-    """Show a long compilation on a terminal, in one line that is replaced and finally removed."""
+    """Show a long compilation: on a terminal in one line that is replaced and finally removed, elsewhere by `FIRST_USE`."""
     seconds = _Process.seconds + (time.monotonic() - _Process.begin if _Process.depth else 0.0)
-    if seconds > QUIET_SECONDS and sys.stderr is not None and sys.stderr.isatty():
+    if seconds <= QUIET_SECONDS or sys.stderr is None:
+        return
+    if sys.stderr.isatty():
         words = f"optik: compiling, {seconds:.0f} s: {name}" if _Process.depth else ""
         print(f"\r\x1b[K{words[:70]}", end="", file=sys.stderr, flush=True)
+    elif not _Process.told:
+        _Process.told = True
+        print(FIRST_USE, file=sys.stderr, flush=True)

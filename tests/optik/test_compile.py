@@ -21,7 +21,7 @@ from numba.extending import is_jitted
 import optik.compiled.cache
 from optik.compiled import compiled, inlined
 from optik.compiled.fingerprint import Opaque, fingerprint
-from optik.compiled.kernel import Helper, Kernel
+from optik.compiled.kernel import FIRST_USE, Helper, Kernel
 from tests.oracles import REPOSITORY
 
 INNER = "from optik.compiled import compiled\n\n@compiled\ndef inner(x):\n    return {} * x\n"
@@ -513,13 +513,26 @@ def test_the_collector_is_as_before_even_after_an_error(collects):
     assert numba.core.config.OPT is level
 
 
+@pytest.mark.parametrize(("seconds", "quiet", "told"), [(-1.0, "", True), (-1.0, "quiet", False), (1e9, "", False)])
+def test_a_log_or_a_notebook_is_told_once_that_functions_are_compiled(tmp_path, seconds, quiet, told):
+    write_two(tmp_path)
+    code = (
+        f"import optik.compiled.kernel; optik.compiled.kernel.QUIET_SECONDS = {seconds}; import outer; outer.outer(1.0)"
+    )
+    env = os.environ | {"PYTHONPATH": os.pathsep.join([str(REPOSITORY), str(tmp_path)]), "OPTIK_COMPILES": quiet}
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True, timeout=120
+    )
+    assert done.stderr.splitlines() == [FIRST_USE] * told
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="terminals as POSIX has them")
 def test_a_terminal_is_told_of_a_long_compilation_and_the_line_is_removed(tmp_path):
     import pty
 
     write_two(tmp_path)
     code = "import optik.compiled.kernel; optik.compiled.kernel.QUIET_SECONDS = {}; import outer; outer.outer(1.0)"
-    env = os.environ | {"PYTHONPATH": os.pathsep.join([str(REPOSITORY), str(tmp_path)])}
+    env = os.environ | {"PYTHONPATH": os.pathsep.join([str(REPOSITORY), str(tmp_path)]), "OPTIK_COMPILES": ""}
     for seconds, told in ((-1.0, True), (1e9, False)):
         for file in kept_in(tmp_path):
             file.unlink()
