@@ -28,7 +28,9 @@ F = TypeVar("F", bound=Callable[..., Any])
 """Type of the function: the type checker sees the signature of the compiled function."""
 QUIET_SECONDS = 2.0
 """Time of compilation after which a process says that it compiles [s]."""
-FIRST_USE = "optik: compiling on first use, about a minute; later runs use the cache (in advance: `optik kernels --compile`)"
+FIRST_USE = (
+    "optik: compiling on first use, about a minute; later runs use the cache (in advance: `optik kernels --compile`)"
+)
 """The line of a notebook, an editor or a log, once in a process."""
 
 
