@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterable
 from typing import Any
 
@@ -142,7 +141,9 @@ class UnknownName(OptikError, LookupError):
         self.kind = kind
         self.name = name
         self.known = tuple(known)
-        self.nearest = tuple(difflib.get_close_matches(name, self.known, n=3, cutoff=0.4))
+        from difflib import get_close_matches
+
+        self.nearest = tuple(get_close_matches(name, self.known, n=3, cutoff=0.4))
         hint = f"did you mean {' or '.join(self.nearest)}? " if self.nearest else ""
         there_are = f"{hint}there are: {', '.join(self.known) or 'none'}"
         super().__init__("; ".join(filter(None, (f"unknown {kind} {name!r}", there_are, advice))))

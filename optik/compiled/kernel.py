@@ -11,7 +11,6 @@ import sys
 import time
 from collections.abc import Callable
 from functools import cached_property
-from multiprocessing import parent_process
 from typing import Any, ClassVar, TypeVar
 
 from numba.core import config, types
@@ -106,9 +105,7 @@ class _Process:
     level: Any = None  # Numba's optimisation level before the outermost compilation
     seconds: float = 0.0  # of all earlier compilations [s]
     begin: float = 0.0  # of the outermost compilation [s]
-    told: bool = (
-        os.environ.get("OPTIK_COMPILES") == "quiet" or parent_process() is not None
-    )  # `FIRST_USE`, or not wanted
+    told: bool = os.environ.get("OPTIK_COMPILES") == "quiet"  # `FIRST_USE`, or not wanted
 
 
 class _Compiler(_FunctionCompiler):  # type: ignore[misc]
@@ -144,5 +141,8 @@ def _tell(name: str) -> None:
         words = f"optik: compiling, {seconds:.0f} s: {name}" if _Process.depth else ""
         print(f"\r\x1b[K{words[:70]}", end="", file=sys.stderr, flush=True)
     elif not _Process.told:
+        from multiprocessing import parent_process
+
         _Process.told = True
-        print(FIRST_USE, file=sys.stderr, flush=True)
+        if parent_process() is None:  # not a worker
+            print(FIRST_USE, file=sys.stderr, flush=True)
