@@ -13,17 +13,24 @@ from optik.errors import InvalidInput
 from optik.types import Array
 
 
-def real_array(value: Any, argument: str, expected: str) -> Array:
-    """Check that a value is an array of real numbers; return it as C-contiguous float64, itself if it is one."""
-    if type(value) is np.ndarray and value.dtype == np.float64 and value.flags.c_contiguous:
-        return value
-    try:
-        array = np.asarray(value)
-    except (TypeError, ValueError):
-        raise InvalidInput(argument, repr(value)[:60], expected) from None
-    if array.dtype.kind not in "iuf":
-        raise InvalidInput(argument, repr(value)[:60], expected)
-    return np.asarray(array, dtype=np.float64, order="C")
+def real_array(value: Any, argument: str, expected: str, shape: tuple[Any, ...] = (...,)) -> Array:
+    """Check that a value is an array of real numbers; return it as C-contiguous float64, itself if it is one.
+
+    A `shape` that begins with ``...`` is that of the last axes.
+    """
+    array = value
+    if not (type(value) is np.ndarray and value.dtype == np.float64 and value.flags.c_contiguous):
+        try:
+            array = np.asarray(value)
+        except (TypeError, ValueError):
+            raise InvalidInput(argument, repr(value)[:60], expected) from None
+        if array.dtype.kind not in "iuf":
+            raise InvalidInput(argument, repr(value)[:60], expected)
+        array = np.asarray(array, dtype=np.float64, order="C")
+    last = shape[1:] if shape[:1] == (...,) else shape
+    if array.shape[array.ndim - len(last) if last is not shape else 0 :] != last:
+        raise InvalidInput(argument, f"shape {array.shape}", expected)
+    return array  # type: ignore[no-any-return]
 
 
 def format_value(value: Any, most: int = 80) -> str:

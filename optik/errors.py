@@ -143,7 +143,7 @@ class UnknownName(OptikError, LookupError):
         self.known = tuple(known)
         from difflib import get_close_matches
 
-        self.nearest = tuple(get_close_matches(name, self.known, n=3, cutoff=0.4))
+        self.nearest = tuple(get_close_matches(str(name), self.known, n=3, cutoff=0.4))
         hint = f"did you mean {' or '.join(self.nearest)}? " if self.nearest else ""
         there_are = f"{hint}there are: {', '.join(self.known) or 'none'}"
         super().__init__("; ".join(filter(None, (f"unknown {kind} {name!r}", there_are, advice))))

@@ -195,7 +195,7 @@ def exp_so3(w: ArrayLike) -> Array:
     (..., 3, 3) array
         Rotation matrices [1].
     """
-    w = np.ascontiguousarray(w, dtype=np.float64)
+    w = real_array(w, "w", "rotation vectors (..., 3)", (..., 3))
     out = np.empty((*w.shape, 3))
     _exp_many(w.reshape(-1, 3), out.reshape(-1, 3, 3))
     return out
@@ -222,12 +222,9 @@ def pose(R: ArrayLike | None = None, p: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
         Another shape, or no numbers.
     """
     T = np.eye(4)
-    parts = {"R": (R, T[:3, :3]), "p": (p, T[:3, 3])}
-    for argument, (value, part) in parts.items() if R is not None else [("p", parts["p"])]:
-        array = real_array(value, argument, f"an array of shape {part.shape}")
-        if array.shape != part.shape:
-            raise InvalidInput(argument, f"shape {array.shape}", f"an array of shape {part.shape}")
-        part[:] = array
+    if R is not None:
+        T[:3, :3] = real_array(R, "R", "an array of shape (3, 3)", (3, 3))
+    T[:3, 3] = real_array(p, "p", "an array of shape (3,)", (3,))
     return T
 
 
@@ -287,6 +284,7 @@ def error(T: Array, target: Array) -> Array:
     (..., 6) array
         Position [m], then rotation vector [rad].
     """
+    T, target = (real_array(x, name, "poses (..., 4, 4)", (..., 4, 4)) for x, name in ((T, "T"), (target, "target")))
     R = target[..., :3, :3] @ np.swapaxes(T[..., :3, :3], -1, -2)
     return np.concatenate([target[..., :3, 3] - T[..., :3, 3], log_so3(R)], axis=-1)
 
@@ -428,7 +426,7 @@ def from_quaternion(wxyz: ArrayLike, argument: str = "quaternion") -> Array:
     InvalidInput
         Not four numbers, or a length that is not 1 within `QUATERNION_ERROR`.
     """
-    q = np.asarray(wxyz, dtype=np.float64)
+    q = real_array(wxyz, argument, "a unit quaternion w,x,y,z")
     with np.errstate(over="ignore"):
         size = float(np.linalg.norm(q))
     if q.shape != (4,) or not abs(size - 1.0) <= QUATERNION_ERROR:

@@ -215,7 +215,9 @@ def _find_size(unit: str, usual: str) -> float | None:
 
 def read_names(value: Names, argument: str) -> tuple[str, ...]:
     """Return names from a list, or from text with commas."""
-    return check_words([name.strip() for name in value.split(",")] if isinstance(value, str) else value or (), argument)
+    if isinstance(value, str):
+        value = [name.strip() for name in value.split(",")]
+    return check_words(() if value is None else value, argument)
 
 
 def warn_of_assumptions(file: str | os.PathLike[str], notes: Iterable[str]) -> tuple[str, ...]:

@@ -142,7 +142,7 @@ class JointLimits:
         scalar or (...,) array of bool
             False for NaN.
         """
-        q = np.asarray(q, dtype=np.float64)
+        q = self._read(q)
         inside = (q >= self.lower - LIMIT_TOLERANCE) & (q <= self.upper + LIMIT_TOLERANCE)
         return np.asarray(inside.all(axis=-1))
 
@@ -159,7 +159,11 @@ class JointLimits:
         (n,) or (..., n) array
             The nearest configurations inside [rad, m].
         """
-        return np.clip(np.asarray(q, dtype=np.float64), self.lower, self.upper)
+        return np.clip(self._read(q), self.lower, self.upper)
+
+    def _read(self, q: ArrayLike) -> Array:
+        """Return configurations (..., n) as an array."""
+        return real_array(q, "q", f"configurations of {self.lower.size} joints", (..., self.lower.size))
 
     def normalise(self, q: ArrayLike) -> Array:
         """Return positions relative to the range, (q − middle) / half: 0 in the middle, −1 and 1 at the limits.

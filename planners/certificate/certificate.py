@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from optik.card import Bar, Card
+from optik.check import real_array
 from optik.errors import InvalidInput, InvalidMotion
 from optik.ik.base import Tolerance
 from optik.types import Array
@@ -170,7 +171,7 @@ class Certificate:
         float
             Path parameter [m, or rad].
         """
-        return float(np.interp(t, self.t, self.s))
+        return float(np.interp(real_array(t, "t", "a time [s]", ()), self.t, self.s))
 
     def extreme(self, field: str) -> Extreme | ToolExtreme:
         """Return the peak value of a limited quantity, its ratio to the limit and its time.
@@ -190,10 +191,10 @@ class Certificate:
         InvalidInput
             No limit of that name.
         """
-        if field in ALL_LIMITS:
+        if isinstance(field, str) and field in ALL_LIMITS:
             named: Extreme | ToolExtreme = getattr(self, field)
             return named
-        if field not in self.extra:
+        if not isinstance(field, str) or field not in self.extra:
             raise InvalidInput("field", repr(field), f"one of: {', '.join((*ALL_LIMITS, *self.extra))}")
         return self.extra[field]
 

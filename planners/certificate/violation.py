@@ -28,7 +28,7 @@ class Violation(NamedTuple):
 def check_allow(allow: Allow, words: Sequence[str] = ALLOWANCES) -> tuple[str, ...]:
     """Return the words of ``allow=``; raises InvalidInput for one that does not exist."""
     given = (allow,) if isinstance(allow, str) or not isinstance(allow, Iterable) else tuple(allow)
-    if any(word not in words for word in given):
+    if any(not isinstance(word, str) or word not in words for word in given):
         raise InvalidInput("allow", repr(allow)[:60], f"some of: {', '.join(words)}")
     return given
 

@@ -143,8 +143,9 @@ def _check_start(
         raise InvalidInput("samples", samples, f"at most {MOST_SAMPLES}; 151 hold a line to a nanometre")
     if not solver.task.is_pose:
         raise InvalidInput("solver", f"one for the task {solver.task}", "one for the whole pose")
-    branch = branch or ("best" if q_start is None else "start")
-    if branch not in ("start", "best"):
+    if branch is None:
+        branch = "best" if q_start is None else "start"
+    if not isinstance(branch, str) or branch not in ("start", "best"):
         raise InvalidInput("branch", repr(branch)[:60], '"start" or "best"')
     if branch == "start" and q_start is None:
         raise InvalidInput("q_start", "None", 'a configuration for branch="start"; without one use branch="best"')

@@ -76,7 +76,8 @@ class Arc(Path):
             An invalid pose or point, two equal points, three points on a straight line, or a half turn.
         """
         first, last = (se3.nearest_pose(se3.check_pose(T, n)).copy() for T, n in ((start, "start"), (goal, "goal")))
-        point = se3.check_pose(via, "via")[:3, 3] if np.shape(via) == (4, 4) else _vector(via, "via", "a point [m]")
+        array = real_array(via, "via", "a point [m]")
+        point = se3.check_pose(via, "via")[:3, 3] if array.shape == (4, 4) else _vector(array, "via", "a point [m]")
         circle = _circle_through(first[:3, 3], point, last[:3, 3])
         data = {"start": first.tolist(), "via": point.tolist(), "goal": last.tolist()}
         return cls(first, circle, shortest_turn(first, last, "goal"), data)
@@ -117,9 +118,9 @@ class Arc(Path):
         size = float(np.abs(direction).max())
         if not size > 0.0:
             raise InvalidInput("axis", "a vector of length 0", "a direction")
-        check_number(angle, "angle", "a number [rad]")
+        check_number(angle, "angle", "a finite angle")
         if not 0.0 < abs(angle) <= 2.0 * pi * MOST_TURNS:
-            raise InvalidInput("angle", f"{angle:.6g}", f"radians other than 0, at most {MOST_TURNS} turns (62.8 rad)")
+            raise InvalidInput("angle", f"{angle:.6g} rad", f"an angle other than 0, of at most {MOST_TURNS} turns")
         unit = direction / size
         unit /= np.copysign(np.linalg.norm(unit), angle)
         outward = first[:3, 3] - point

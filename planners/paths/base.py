@@ -310,7 +310,7 @@ def fields(data: Any, path: str, *names: str) -> tuple[Any, ...]:
         raise InvalidInput("data", repr(data)[:60], f"what to_dict of a {path} wrote")
     missing = [name for name in names if name not in data]
     if missing:
-        raise InvalidInput("data", f"no {' and no '.join(missing)}", f"a {path} with {', '.join(names)}")
+        raise InvalidInput("data", f"no {' and no '.join(missing)}", f"{', '.join(names)} of the path {path}")
     return tuple(data[name] for name in names)
 
 

@@ -30,7 +30,7 @@ def read_goal(robot: Robot, goal: ArrayLike, q_start: ArrayLike | None, winding:
     expected = f"a Path, a pose (4, 4) or the {robot.n} joints of a goal"
     try:
         array = np.asarray(goal, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InvalidInput("path", repr(goal)[:60], expected) from None
     if array.shape not in ((4, 4), (robot.n,)):
         raise InvalidInput("path", f"shape {array.shape}", expected)

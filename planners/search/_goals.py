@@ -36,7 +36,7 @@ def list_goals(space: JointSpace, start: Array, goal: ArrayLike, winding: str) -
     expected = f"{robot.n} joints, several rows of them, or a pose (4, 4)"
     try:
         array = np.asarray(goal, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InvalidInput("goal", repr(goal)[:60], expected) from None
     turning = find_continuous(robot) if winding == "nearest" else np.zeros(robot.n, np.bool_)
     if array.shape == (4, 4) and (robot.n != 4 or (array[3] == np.eye(4)[3]).all()):

@@ -58,14 +58,14 @@ class Curve(ABC):
         InvalidInput
             x outside the interval or not finite, or another order.
         """
-        if order not in range(self.highest_order + 1):
+        if not isinstance(order, int | np.integer) or order not in range(self.highest_order + 1):
             raise InvalidInput("order", repr(order), f"0 to {self.highest_order}")
         if isinstance(x, float) and 0.0 <= x <= self.end:  # the usual scalar, without the checks of arrays
             value: Array = self._evaluate(np.array([x]), order)[0]
             return value
         try:
             at = np.asarray(x, dtype=np.float64)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             raise InvalidInput(self.parameter, repr(x)[:60], "a number or an array of numbers") from None
         if at.ndim > 1:
             raise InvalidInput(self.parameter, f"shape {at.shape}", "a scalar or a one-dimensional array")

@@ -6,8 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
+import optik
+from optik import se3
 from optik.check import check_count, check_flag, check_number, check_words, real_array
-from optik.errors import InvalidInput
+from optik.errors import InvalidInput, OptikError
 
 
 @given(arrays(st.sampled_from(["f8", "f4", "i4", "u1", ">f8"]), array_shapes(min_dims=0, max_dims=4)))
@@ -33,6 +35,31 @@ def test_what_is_no_array_of_real_numbers_is_refused_by_name(value):
     with pytest.raises(InvalidInput, match=r"^lengths: expected three numbers; got ") as caught:
         real_array(value, "lengths", "three numbers")
     assert caught.value.argument == "lengths"
+
+
+@pytest.mark.parametrize(("shape", "good"), [((3,), True), ((..., 3), True), ((...,), True), ((), False), ((1, 3), False),
+                                             ((..., 1, 3), False), ((2,), False), ((..., 4), False)])  # fmt: skip
+def test_a_shape_is_that_of_all_or_the_last_axes(shape, good):
+    if good:
+        assert real_array([1, 2, 3], "x", "numbers", shape).shape == (3,)
+        return
+    with pytest.raises(InvalidInput, match=r"^x: expected numbers; got shape \(3,\)"):
+        real_array([1, 2, 3], "x", "numbers", shape)
+
+
+CALLS = {
+    "pose of R": se3.pose, "pose of p": lambda x: se3.pose(None, x), "exp_so3": se3.exp_so3,
+    "error": lambda x: se3.error(np.eye(4), x), "from_quaternion": se3.from_quaternion, "load": optik.load,
+    "clip": optik.load("ur5e").limits.clip, "contains": optik.load("ur5e").limits.contains, "without": optik.Scene().without,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", CALLS)
+def test_misuse_is_an_error_of_ours(name):
+    for value in [*BAD_ARRAYS.values(), 10**400, [], [1, 2], np.zeros((2, 2)), np.ma.array([1, 2])]:
+        if name != "pose of R" or value is not None:  # the identity
+            with pytest.raises(OptikError):
+                CALLS[name](value)
 
 
 @pytest.mark.parametrize("value", [1, 1.5, np.float32(2.5), np.int8(3), np.float64(4.0)])

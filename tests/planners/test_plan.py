@@ -8,9 +8,10 @@ import pytest
 
 import optik
 from optik.arm.library import load
-from optik.errors import InvalidInput, NoSolution, OutputError, UnknownName
+from optik.errors import InvalidInput, NoSolution, OptikError, OutputError, UnknownName
 from optik.ik import make_solver
 from planners import (
+    Arc,
     JointLine,
     Line,
     MotionLimits,
@@ -51,6 +52,20 @@ class Refusing(TimeLaw):
 
     def _time(self, joint_path: JointPath, limits: MotionLimits) -> Trajectory:
         raise NoSolution("it will not", s=0.125, joint="joint2", advice="ask again")
+
+
+def test_misuse_is_an_error_of_ours(tmp_path: Path) -> None:
+    made, line = planned(), default_line()
+    calls: dict[str, Any] = {
+        "order": lambda x: made.trajectory(0.1, x), "t": made.trajectory, "s": line.pose, "s_at": made.certificate.s_at,
+        "worst": made.certificate.worst, "allow": lambda x: made.save(tmp_path / "m.json", allow=x),
+        "goal": lambda x: plan(ROBOT, x, START), "via": lambda x: Arc.through(line.start, x, line.goal),
+        "branch": lambda x: plan(ROBOT, line, START, branch=x),
+    }  # fmt: skip
+    for value in ("x", 10**400, np.zeros((2, 2)), np.array(["a", "b"], dtype=object), [[1, 2], [3]], {"a": 1}, 1j):
+        for name, call in calls.items():
+            with pytest.raises(OptikError):
+                print(name, call(value))
 
 
 # ---------------------------------------------------------------- success
