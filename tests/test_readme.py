@@ -25,35 +25,44 @@ def test_the_readme_s_python_runs() -> None:
 
 
 PAGES = """
-import json, sys
-for page, code in json.load(sys.stdin).items():
-    print(page, file=sys.stderr)
-    exec(compile(code, page, "exec"), {"__name__": "__main__"})
+import ast, contextlib, io, json, os, re, subprocess, sys, webbrowser
+webbrowser.open = lambda url: True
+folder, most = os.getcwd(), int(sys.argv[1])
+def command(line):
+    done = subprocess.run(line, shell=True, capture_output=True, text=True)
+    assert done.returncode in (0, 1) and "Traceback" not in done.stderr, done.stderr
+    return done.stdout + done.stderr
+for page, cells in json.load(sys.stdin).items():
+    os.chdir(folder)
+    names = {"__name__": "__main__", "command": command}
+    for number, cell in enumerate(cells):
+        place = f"{page}, cell {number}"
+        print(place, file=sys.stderr)
+        tree = ast.parse(re.sub("^!(.*)", lambda found: f"print(command({found[1]!r}))", cell, flags=re.M))
+        last = ast.Expression(tree.body.pop().value) if isinstance(tree.body[-1], ast.Expr) else None
+        with contextlib.redirect_stdout(io.StringIO()) as printed:
+            exec(compile(tree, place, "exec"), names)
+            shown = None if last is None else eval(compile(last, place, "eval"), names)
+            if shown is not None:
+                print(repr(shown) if not hasattr(shown, "_repr_html_") else shown._repr_html_()[:100])
+        assert len(printed.getvalue()) < most, f"{place} prints {len(printed.getvalue())} characters"
 """
-"""Runs each page's code in a namespace of its own, all in one process: imports are most of a process's time."""
+"""Runs each page's cells in a namespace of its own, all in one process: imports are most of a process's time.
+
+The last expression of a cell shows itself, as in a notebook. No cell prints as many characters as the argument.
+"""
+
+BLOCK = re.compile(r"```(?:\{code-cell\}|python|toml)\n(?::[^\n]*\n)*\n?(.*?)```", re.DOTALL)
+"""A block of code, or a cell of a notebook without its options."""
 
 
-def test_the_python_of_the_docs_runs(tmp_path: Path) -> None:
-    """The others run beside the examples and the blocks that begin with ``# NAME.py`` or ``# NAME.toml``, which are files."""
-    pages = {}
-    for place in ("examples", "examples/plugins"):
-        shutil.copytree(ROOT / place, tmp_path, dirs_exist_ok=True)
-    for page in sorted((ROOT / "docs").glob("*.md")):
-        code = []
-        for block in re.findall(r"```(?:python|toml)\n(.*?)```", page.read_text(encoding="utf-8"), flags=re.S):
-            named = re.match(r"# (\w+\.(?:py|toml))\n", block)
-            if named:
-                (tmp_path / named[1]).write_text(block, encoding="utf-8")
-            else:
-                code.append(block)
-        if code:
-            pages[page.name] = "\n".join(code)
-    assert len(pages) > 4
+def run_pages(pages: dict[str, list[str]], folder: Path, temporary: Path, most: int) -> None:
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"  # the notebooks call `optik`
     done = subprocess.run(
-        [sys.executable, "-c", PAGES],
+        [sys.executable, "-c", PAGES, str(most)],
         input=json.dumps(pages),
-        cwd=tmp_path,
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        cwd=folder,
+        env=os.environ | {"PYTHONPATH": str(ROOT), "TMPDIR": str(temporary), "PATH": path},
         capture_output=True,
         text=True,
         timeout=300,
@@ -61,9 +70,33 @@ def test_the_python_of_the_docs_runs(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
 
 
+def test_the_python_of_the_docs_runs(tmp_path: Path) -> None:
+    """The others run beside the examples and the blocks that begin with ``# NAME.py`` or ``# NAME.toml``, which are files."""
+    pages: dict[str, list[str]] = {}
+    for place in ("examples", "examples/plugins"):
+        shutil.copytree(ROOT / place, tmp_path, dirs_exist_ok=True)
+    for page in sorted((ROOT / "docs").glob("*.md")):
+        for block in BLOCK.findall(page.read_text(encoding="utf-8")):
+            if named := re.match(r"# (\w+\.(?:py|toml))\n", block):
+                (tmp_path / named[1]).write_text(block, encoding="utf-8")
+            else:
+                pages.setdefault(page.name, []).append(block)
+    assert len(pages) > 4
+    run_pages(pages, tmp_path, tmp_path, 100_000)
+
+
+@pytest.mark.parametrize("folder", ["tutorial", "howto", "explanation"])
+def test_the_notebooks_run_and_print_little(folder: str, tmp_path: Path) -> None:
+    notebooks = sorted((ROOT / "docs" / folder).glob("*.md"))
+    pages = {page.name: cells for page in notebooks if (cells := BLOCK.findall(page.read_text(encoding="utf-8")))}
+    assert len(pages) > 2
+    run_pages(pages, ROOT / "docs" / folder, tmp_path, 2000)
+
+
 def test_every_file_that_the_readme_and_the_docs_link_to_exists() -> None:
-    for page in (ROOT / "README.md", *(ROOT / "docs").glob("*.md")):
-        for link in re.findall(r"\]\(([^)#:]+)\)", page.read_text(encoding="utf-8")):
+    pages = [page for page in (ROOT / "docs").rglob("*.md") if not {"_build", "generated"} & set(page.parts)]
+    for page in (ROOT / "README.md", *pages):
+        for link in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8")):
             assert (page.parent / link).is_file(), f"{page.name} links to {link}"
 
 
