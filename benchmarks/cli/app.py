@@ -18,6 +18,7 @@ from benchmarks.cli.cell import CellCommand
 from benchmarks.cli.certify import CertifyCommand
 from benchmarks.cli.command import add_command, err_console, name_robot_options, translate
 from benchmarks.cli.installation import DoctorCommand, KernelsCommand, PeerCommand
+from benchmarks.cli.misuse import UsageError
 from benchmarks.cli.motion import DriveCommand, ViewCommand
 from benchmarks.cli.paths import (
     ArcCommand,
@@ -32,19 +33,22 @@ from benchmarks.cli.runs import CompareCommand, DemoCommand, ReportCommand, RunC
 from optik.errors import InvalidMotion, NoSolution, OptikError, OutputError
 from optik.plugins import files
 
-UsageError: Any = typer.BadParameter.__base__
-"""The class of errors about what was typed."""
-
-ORDER = ("robots", "ik", "fk", "plan", "certify", "view", "drive", "cell", "demo", "bench", "doctor", "kernels")
-"""Commands in the order of the help: first what a user needs first."""
+COMMAND_PANELS = {
+    "First steps": ("robots", "ik", "fk", "plan"), "Motions": ("certify", "view", "drive", "cell"),
+    "Comparison of methods": ("demo", "bench"), "Installation": ("doctor", "kernels"),
+}  # fmt: skip
+"""Panels of the help with their commands: first what a user needs first."""
 
 
 class OrderedGroup(TyperGroup):
-    """A group that lists its commands in `ORDER`."""
+    """A group that lists its commands in the order of `COMMAND_PANELS`."""
 
     def list_commands(self, ctx: Any) -> list[str]:
-        """Return the names of the commands."""
-        return sorted(super().list_commands(ctx), key=ORDER.index)
+        """Return the names of the commands, each of which then has its panel."""
+        panels = {name: panel for panel, names in COMMAND_PANELS.items() for name in names}
+        for name in panels:
+            self.commands[name].rich_help_panel = panels[name]  # type: ignore[attr-defined]
+        return list(panels)
 
 
 app = typer.Typer(
@@ -62,8 +66,7 @@ app.add_typer(plan_app, name="plan")
 app.add_typer(bench_app, name="bench")
 
 add_command(app, "robots", RobotsCommand, "robots")
-negative_numbers = {"ignore_unknown_options": True}  # they are values, not options
-add_command(app, "fk", FkCommand, "fk 20,-35,40,25,50,-30", context_settings=negative_numbers)
+add_command(app, "fk", FkCommand, "fk 20,-35,40,25,50,-30")
 add_command(app, "ik", IkCommand, "ik --xyz 0.3,0.2,0.3 --rpy-deg -90,10,20")
 add_command(plan_app, "line", LineCommand, "plan line --move -0.12,0,0.2 --out line.json")
 add_command(plan_app, "arc", ArcCommand, "plan arc --centre 0.1,0.3,0.2 --axis 0,0,1 --angle-deg 20")
@@ -111,7 +114,7 @@ def main() -> None:
     warnings.showwarning = _show_warning
     try:
         try:
-            status = app(standalone_mode=False)
+            status = app(prog_name="optik", standalone_mode=False)
         finally:
             sys.stdout.flush()  # a full disk is reported here
         sys.exit(status or 0)
@@ -138,12 +141,12 @@ def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
 
 
 def _end_usage(error: Any) -> None:
-    """End the process with one line on what was typed wrongly; a group without a command shows its help."""
+    """End the process with one line on an unknown command or an option of a group; no command at all shows the help."""
     command = error.ctx.command_path if error.ctx is not None else "optik"
     if type(error).__name__ == "NoArgsIsHelpError":
         error.show()
         sys.exit(2)
-    words = " ".join(error.format_message().split()).rstrip(".").replace("Value error, ", "")
+    words = " ".join(error.format_message().split()).removesuffix(".").replace("'?", "'")
     _end(f"error: {words}; for help: {command} --help", 2)
 
 

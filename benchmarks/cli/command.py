@@ -8,7 +8,7 @@ from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import MISSING, dataclass, field, fields
-from inspect import Parameter, Signature
+from inspect import Parameter, Signature, get_annotations
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, get_type_hints
 
@@ -18,6 +18,7 @@ from rich.console import Console
 from typer.core import TyperCommand
 
 import optik
+from benchmarks.cli.misuse import UsageError, describe_usage
 from benchmarks.cli.readers import format_numbers, read_bound, read_configuration, read_held, read_numbers, sample_start
 from optik.arm.model import unit_factors
 from optik.arm.tips import TIP_ADVICE
@@ -31,7 +32,7 @@ PANELS = ("Options", "Path", "Target", "Task", "With --on ros", "Robot", "Method
 """Panels of the help, in their order."""
 
 NUMBERS, Q_DEG = "NUMBERS", "Q_DEG"
-"""Metavars of vector options and arguments: one argument, with commas or quoted spaces."""
+"""Metavars of vector options and arguments: numbers with commas or spaces."""
 
 LIMIT_EXAMPLES = {"velocity": 1, "acceleration": 10, "jerk": 50}
 """Limits that hold for every joint, with examples for messages."""
@@ -59,13 +60,14 @@ ALLOW_HELP = (
 
 def option(panel: str, help: str, default: Any = None, *flags: str, **settings: Any) -> Any:
     """Return a field of a command that is an option, in a panel of the help; it is required if its default is ``...``."""
+    settings = {"metavar": ""} | settings if default is False else settings  # no type behind a flag
     info = typer.Option(*flags, help=help, rich_help_panel=panel, **settings)
     flag = next(iter(flags), "")
     return field(default=MISSING if default is ... else default, metadata={"typer": info, "flag": flag})
 
 
 def numbers(panel: str, help: str, default: Any = None) -> Any:
-    """Return a field of a command that is an option of one or more numbers in one argument."""
+    """Return a field of a command that is an option of one or more numbers."""
     return option(panel, help, default, metavar=NUMBERS)
 
 
@@ -109,13 +111,15 @@ def add_command(group: typer.Typer, name: str, kind: type[Command], example: str
     run.__signature__ = Signature(_list_parameters(kind))  # type: ignore[attr-defined] # Typer reads it
     run.__annotations__ = {}
     epilog = f"Example: `optik {example}`"
-    group.command(name, cls=NumbersCommand, help=kind.__doc__, epilog=epilog, **settings)(run)
+    parser = type(kind.__name__, (CommandParser,), {"kind": kind})
+    group.command(name, cls=parser, help=kind.__doc__, epilog=epilog, **settings)(run)
 
 
 LIBRARY_NAMES = {
     "IK method": "solver", "time law": "timing", "limit": "limit", "freedom": "free", "file format": "format",
     "limits.tool_speed": "tool_speed", "limits.rotation_speed": "rotation_speed", "target": "xyz", "q": "q_deg",
     "angle": "angle_deg", "data": "set_", "goal": "set_", "robot": "name", "drive": "on", "search": "avoid",
+    "extra": "limit", "peer": "name", "scene.margin": "margin",
 }  # fmt: skip
 """Arguments of the library, and kinds of names, that a command has under another name."""
 
@@ -124,7 +128,8 @@ def name_typed(kind: type[Command], given: dict[str, Any], argument: str, got: s
     """Return the option or argument, as typed, that an argument of the library stands for; empty if there is none."""
     known = {each.name: each.metadata for each in fields(kind) if "typer" in each.metadata}
     if argument.rpartition(" ")[2] in ("file", "run"):  # one of several: that whose name was typed
-        named = [name for name, value in given.items() if value is not None and str(value) and str(value) in got]
+        words = re.split(r"[\s',]+", got)
+        named = [name for name, value in given.items() if value is not None and str(value) and str(value) in words]
         argument = named[0] if len(named) == 1 else argument
     elif argument not in known and f"{argument}s" not in known:
         argument = LIBRARY_NAMES.get(argument, argument)
@@ -148,28 +153,46 @@ def _list_parameters(kind: Any) -> list[Parameter]:
         )
         for each in fields(kind)
     ]  # fmt: skip
-    return sorted(parameters, key=lambda each: PANELS.index(infos[each.name].rich_help_panel or "Options"))
+    own = get_annotations(kind)  # of a panel's options, the command's own come first
+
+    def place(each: Parameter) -> tuple[int, bool]:
+        return PANELS.index(infos[each.name].rich_help_panel or "Options"), each.name not in own
+
+    return sorted(parameters, key=place)
 
 
-class NumbersCommand(TyperCommand):
-    """A command that takes a vector typed as several arguments as one."""
+class CommandParser(TyperCommand):
+    """A command whose vectors may be typed as several arguments, and whose errors are one line."""
+
+    kind: type[Command]
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Join the numbers of each vector, then parse."""
-        vectors = {name for p in self.params if getattr(p, "metavar", None) == NUMBERS for name in p.opts}
-        joined, rest, q = list[str](), deque(args), list[str]()
+        words = self._join_numbers(args)
+        try:
+            return list(super().parse_args(ctx, list(words)))
+        except UsageError as error:
+            raise describe_usage(error, ctx, words, self.kind) from None
+
+    def _join_numbers(self, args: list[str]) -> list[str]:
+        """Return the words with each vector as one; joint values that are an argument come last, behind --."""
+        valued: Any = {name: p for p in self.params for name in p.opts if not getattr(p, "is_flag", False)}
+        takes_joints = any(getattr(p, "metavar", None) == Q_DEG for p in self.params)
+        words, joints, rest = list[str](), list[str](), deque(args)
         while rest:
-            name, equals, value = rest.popleft().partition("=")
-            if name in vectors:
-                run = [value] if equals else []
-                while rest and (_is_number(rest[0]) or not run):
+            word = rest.popleft()
+            name, equals, value = word.partition("=")
+            if name in valued and (equals or rest):
+                run = [value if equals else rest.popleft()]
+                while valued[name].metavar == NUMBERS and _is_number(run[0]) and rest and _is_number(rest[0]):
                     run.append(rest.popleft())
-                joined += [name, *([",".join(run)] if run else [])]
-            elif _is_number(name) and any(getattr(p, "metavar", None) == Q_DEG for p in self.params):
-                q.append(name)
-            else:
-                joined.append(name + equals + value)
-        return list(super().parse_args(ctx, joined + ([",".join(q)] if q else [])))
+                words += [f"{name}={','.join(run)}"] if name.startswith("--") else [name, ",".join(run)]
+            elif takes_joints and re.match(r"[-+]?\.?\d", word):
+                joints.append(word)
+            elif not takes_joints or word != "--":
+                words.append(word)
+        lacks_value = words[-1:] and words[-1] in valued
+        return [*words, "--", ",".join(joints)] if joints and not lacks_value else words
 
     def get_help_option(self, ctx: Any) -> Any:
         """Return --help, in the last panel."""
@@ -315,8 +338,15 @@ class LimitsCommand(RobotCommand):
 
     def read_typed_limits(self, arm: optik.Robot) -> dict[str, Any]:
         """Return the limits of ``--limits`` and the typed ones by name."""
+        from planners.limits import ALL_LIMITS
+
         typed = {name: getattr(self, name) for name in LIMIT_EXAMPLES if getattr(self, name) is not None}
-        pairs = (text.rpartition("=") for text in self.limit or ())
+        pairs = [text.rpartition("=") for text in self.limit or ()]
+        for name, equals, value in pairs:
+            if not name or name in ALL_LIMITS:
+                advice = f"type --{name.replace('_', '-')} {value}" if name else ""
+                got = repr(f"{name}{equals}{value}")
+                raise InvalidInput("--limit", got, "NAME=NUMBERS of a further limit", advice=advice)
         if self.limits is not None:
             from planners.limits.moveit import read_limits
 

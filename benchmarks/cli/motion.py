@@ -92,7 +92,7 @@ class DriveCommand(JsonCommand):
             _print_execution(executed)
             if self.out is not None:
                 out_console.print(f"written to {self.out}")
-        raise typer.Exit(0 if executed.status in ("done", "dry_run", "stopped" if self.stop is not None else "") else 1)
+        raise typer.Exit(0 if executed.status in ("done", "dry_run", "stopped") else 1)
 
     def _check(self) -> None:
         """Raise InvalidInput for options that do not fit together."""
@@ -141,9 +141,11 @@ class DriveCommand(JsonCommand):
 
 def _print_execution(done: Execution) -> None:
     """Print an execution."""
-    good = done.status in ("done", "dry_run")
+    good, advice = done.status in ("done", "dry_run", "stopped"), done.advice
+    if done.status == "stopped":  # on request; to resume is for Python
+        advice = ""
     out_console.print(f"{done.drive}: {done.status}", style="green" if good else "yellow")
-    for words in (done.reason, done.advice and f"to try: {done.advice}"):
+    for words in (done.reason, advice and f"to try: {advice}"):
         if words:
             out_console.print(translate(words), soft_wrap=True)
     if done.motion is not None:

@@ -153,6 +153,9 @@ class PolylineCommand(ToolPathCommand, TableCommand):
         if bool(self.via) == (self.waypoints is not None):
             came = "both" if self.via else "no option"
             raise InvalidInput("--via", came, "either --via (repeatable) or --waypoints FILE.csv")
+        table = {"--unit": self.unit, "--columns": self.columns, "--ignore": self.ignore}
+        for name in (name for name, value in table.items() if self.via and value):
+            raise InvalidInput(name, f"{table[name]} with --via", "--waypoints, whose table it describes")
         poses = [start.arm.fk(start.q)]
         if self.waypoints is not None:
             return planners.Polyline.from_csv(

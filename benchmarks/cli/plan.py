@@ -274,7 +274,7 @@ def _read_torque_limit(arm: optik.Robot, field: str, text: str) -> dict[str, Any
             raise InvalidInput(name, f"robot, but {arm.name} has no such limit", f"numbers {unit}, or none")
         return {}
     try:
-        values = read_numbers(text, name)
+        values = read_numbers(text, name, infinite=True)
     except InvalidInput:
         values = []
     if len(values) not in (1, arm.n):

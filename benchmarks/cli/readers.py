@@ -39,7 +39,7 @@ def read_joint_values(arm: optik.Robot, text: str, name: str) -> Any:
 def read_numbers(text: str, name: str, *counts: int, what: str = "numbers", infinite: bool = False) -> list[float]:
     """Read numbers separated by commas or spaces; `counts` are the permitted numbers of them."""
     such = ",".join(islice(cycle(("1", "-2.5", "3")), counts[0] if counts else 3))
-    expected = f"{' or '.join(map(str, counts)) or 'one or more'} {what} in one argument, such as {such}"
+    expected = f"{' or '.join(map(str, counts)) or 'one or more'} {what}, such as {such}"
     try:
         values = [float(word) for word in text.replace(",", " ").split()]
     except ValueError:

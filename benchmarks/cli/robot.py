@@ -83,7 +83,7 @@ def _describe_ranges(robot: Robot) -> str:
 class FkCommand(RobotCommand):
     """Compute forward kinematics: the tool pose for joint values."""
 
-    q_deg: str = argument(Q_DEG, 'Joint values [degrees, prismatic mm]: 20,-35,40 or "20 -35 40".')
+    q_deg: str = argument(Q_DEG, "Joint values [degrees, prismatic mm]: 20,-35,40 or 20 -35 40.")
 
     def run(self) -> None:
         """Print the pose."""
@@ -122,7 +122,7 @@ class IkCommand(StartCommand):
     fewer than six joints it is then a position.
     """
 
-    xyz: str = numbers("Target", 'Target position in the base frame [m]: 0.1,0.3,0.2 or "0.1 0.3 0.2".', ...)
+    xyz: str = numbers("Target", "Target position in the base frame [m]: 0.1,0.3,0.2 or 0.1 0.3 0.2.", ...)
     rpy_deg: str = numbers("Target", "Target roll, pitch, yaw [degrees].", "")
     quat: str = numbers("Target", "Target orientation as a quaternion w,x,y,z, in place of --rpy-deg.", "")
     task: str | None = option(

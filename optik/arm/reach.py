@@ -62,6 +62,12 @@ def _distances(robot: Robot, i: int, v: Array) -> tuple[float, float]:
     return float(np.linalg.norm(v[:3] + nearest * axis)), max(ends)
 
 
+def ask_unit(distance: float, most: float) -> str:
+    """Return a question about the unit of a point at a distance [m] far beyond the reach; empty for a nearer point."""
+    far = distance > FARTHEST_REACH * most
+    return "; coordinates are in metres: are these in millimetres?" if far else ""
+
+
 @lru_cache(maxsize=64)  # shared by an arm's solvers: it takes 10 ms
 def _shortest(robot: Robot, whole: bool) -> Array:
     """Return the positions (n,) of the points on the joint axes [m] that minimise the sum of their distances."""

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optik.arm.limits import LIMIT_TOLERANCE
-from optik.arm.reach import FARTHEST_REACH, outside_reach, reach_bound
+from optik.arm.reach import ask_unit, outside_reach, reach_bound
 from optik.arm.robot import Robot
 from optik.check import check_count, check_flag, check_number
 from optik.errors import InvalidInput, Unsupported
@@ -283,11 +283,10 @@ class IKSolver(ABC):
         """Return the result with the status UNREACHABLE and the bound that proves it in the message."""
         distance = outside_reach(self._reach, target, self.tolerance.position, self.tolerance.rotation)
         A, least, most = self._reach[:3] + 0.0, self._reach[6], self._reach[7]
-        unit = " (are its coordinates in millimetres?)" if distance > FARTHEST_REACH * most else ""
         side = f"at most {most:.6g}" if distance > most else f"at least {least:.6g}"
         message = (
             f"the target requires {distance:.6g} m between the point ({A[0]:.4g}, {A[1]:.4g}, {A[2]:.4g}) of the base and "
-            f"the last joint axis or the tool; the links between them allow {side} m{unit}"
+            f"the last joint axis or the tool; the links between them allow {side} m{ask_unit(distance, most)}"
         )
         return result._replace(status=IKStatus.UNREACHABLE, message=message)
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from optik import se3
-from optik.arm.reach import outside_reach, reach_bound
+from optik.arm.reach import ask_unit, outside_reach, reach_bound
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
 from optik.ik import SolverLike, get_solver
@@ -220,6 +220,7 @@ class CellTask:
         away = float(outside_reach(reach, self.target, 0.0, 0.0))
         if away >= 0.0:
             reason = f"out of reach: {away:.4g} m away; the arm reaches at most from {reach[6]:.4g} to {reach[7]:.4g} m"
+            reason += ask_unit(away, reach[7])
             raise self._fail(
                 "target", CellStatus.NO_PLAN, reason, "choose a spot nearer to the arm", self.target, since
             )

@@ -10,7 +10,7 @@ from typing import Self
 import numpy as np
 
 import optik
-from optik.arm.reach import FARTHEST_REACH, outside_reach
+from optik.arm.reach import ask_unit, outside_reach
 from optik.arm.robot import Robot
 from optik.errors import NoSolution
 from optik.ik import IKResult, IKSolver, IKStatus, Tolerance
@@ -139,9 +139,8 @@ def explain_end(robot: Robot, path: Path, reach: Array, ended: TrackEnd, q: Arra
 def _ask_unit(path: Path, reach: Array) -> str:
     """Return words on a path that ends so far away that its coordinates are probably in millimetres."""
     distance = outside_reach(reach, path.pose(path.end), 0.0, 0.0)
-    if not distance > FARTHEST_REACH * reach[7]:
-        return ""
-    return f"; its end is {distance:.4g} m away, and the arm reaches {reach[7]:.4g} m (are its coordinates in millimetres?)"
+    asked = ask_unit(distance, reach[7])
+    return asked and f"; its end is {distance:.4g} m away, and the arm reaches {reach[7]:.4g} m{asked}"
 
 
 def _explain_beyond(

@@ -68,7 +68,7 @@ def test_the_numbers_of_a_vector_may_be_several_arguments(typed: Any, words: str
 def test_what_is_no_vector_is_named(typed: Any, text: str) -> None:
     status, _, said = typed("ik", "--xyz", text)
     assert status == 2
-    assert said.startswith("error: --xyz: expected 3 numbers in one argument")
+    assert said.startswith("error: --xyz: expected 3 numbers, such as 1,-2.5,3; got ")
 
 
 # ---------------------------------------------------------------- the default start
@@ -423,7 +423,7 @@ def test_a_limit_of_a_file_is_kept_and_printed(typed: Any, tmp_path: Path) -> No
     assert status == 0, said
     assert re.search(r"weighted speed │ 1 +│ arm", out)
     assert planners.load_motion(file).limits.extra == {"weighted_speed": 0.8}
-    for text, words in (("0.8", "unknown limit ''"), ("weighted=1", "unknown limit 'weighted'"), ("jerk=1", "extra")):
+    for text, words in (("0.8", "got '0.8'"), ("weighted=1", "unknown limit 'weighted'"), ("jerk=1", "type --jerk 1")):
         status, _, said = typed("plan", "line", "--limit", text)
         assert status == 2 and words in said
 

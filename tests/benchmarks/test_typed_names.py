@@ -1,13 +1,15 @@
 """What is typed wrongly is one line that names the option as typed; commands say what a newcomer must know."""
 
 import re
+import shlex
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from benchmarks.cli.app import ORDER
+from benchmarks.cli.app import COMMAND_PANELS
 from tests.benchmarks.conftest import optik_process
+from tests.benchmarks.test_command_line import commands
 
 WRONG = {
     "--xyz": ("ik --xyz nan,0,0", "ik --xyz 1,2", "ik --xyz 1e308,0,0", "ik --xyz a"),
@@ -17,11 +19,13 @@ WRONG = {
     "ROBOT": ("robots nosuch", "robots ./nosuch.urdf"),
     "Q_DEG": ("fk 1,2,3", "fk 1,2,3,4,5,nan"),
     "--timing": ("plan line --timing nosuch", "plan line --timing ./nosuch.py"),
-    "--limit": ("plan line --limit nosuch=3", "plan line --limit x"),
+    "--limit": ("plan line --limit nosuch=3", "plan line --limit x", "plan line --limit jerk=1"),
     "--tool-speed": ("plan line --tool-speed 1,2", "plan line --tool-speed 0"),
     "--free": ("plan line --free nosuch", "plan line --free turn=-10"),
     "--via": ("plan arc", "plan polyline", "plan arc --via 0.1,0.3,0.2 --to 0.1,0.3,0.2"),
-    "--angle-deg": ("plan arc --centre 0.1,0.3,0.2 --angle-deg 0",),
+    "--unit": ("plan polyline --via 0.1,0.3,0.3 --unit mm",),
+    "--margin": ("plan line --scene self --margin inf -r panda",),
+    "--angle-deg": ("plan arc --centre 0.1,0.3,0.2 --angle-deg 0", "plan arc --centre 0.1,0.3,0.2 --angle-deg nan"),
     "--waypoints": ("plan polyline --waypoints nosuch.csv", "plan ptp --waypoints nosuch.csv"),
     "--set": ("plan path line --set goal=3", "plan path line --set a"),
     "PATH": ("plan path nosuch", "plan path ./nosuch.py"),
@@ -30,14 +34,19 @@ WRONG = {
     "PLAN": ("drive nosuch.json", "view nosuch.json", "view foreign.csv", "drive foreign.csv"),
     "RUN": ("bench report nosuch",),
     "SUITE": ("bench check nosuch",),
-    "B": ("bench compare a b",),
+    "B": ("bench compare a b", "bench compare none none2"),
+    "NAME": ("bench peer nosuch",),
 }
 USAGE = {
-    "nosuch": "No such command 'nosuch'", "plan lin": "Did you mean 'line'", "plan line --mov 1,2,3": "--move",
-    "plan line --samples x": "--samples", "view": "Missing argument 'PLAN'", "ik": "Missing option '--xyz'",
-    "plan line --out": "--out", "doctor x": "x",
+    "nosuch": "No such command 'nosuch'", "plan lin": "Did you mean 'line'", "bench rn": "Did you mean 'run'",
+    "--versoin": "--version", "plan --move 1,2,3": "--move",
 }  # fmt: skip
-"""What click refuses, and a part of the line."""
+"""Unknown commands and options of groups, and a part of the line."""
+NUMERIC = (
+    "--restarts", "--velocity", "--acceleration", "--jerk", "--samples", "--duration", "--margin", "--rate", "--coefficients",
+    "--angle-deg", "--blend", "--stop", "--corrections", "--readings", "--seed", "--workers", "--threshold", "--jobs",
+)  # fmt: skip
+"""Options of one number."""
 
 
 @pytest.fixture(name="folder")
@@ -55,6 +64,7 @@ def test_an_error_names_the_option_as_typed_in_one_line(option: str, words: str,
     assert (status, out) == (2, ""), said
     (line,) = said.strip().splitlines()
     assert line.startswith(f"error: {option}: "), line
+    assert not re.search(r"\brad(ians)?\b", line), line
 
 
 @pytest.mark.parametrize("words", USAGE)
@@ -65,11 +75,69 @@ def test_what_is_no_command_or_option_is_one_line(words: str, typed: Any) -> Non
     assert line.startswith("error: ") and USAGE[words] in line and re.search(r"; for help: optik.* --help$", line), line
 
 
+def wrong_commands() -> list[tuple[str, str, str]]:
+    """Each command with one mistake: what is typed, how the line begins, and what it must say."""
+    found = []
+    for words, command in commands().items():
+        example = command.epilog.removeprefix("Example: `").removesuffix("`")
+        found += [(f"{words} --nosuch 1", "unknown option --nosuch", f"{words} --help")]
+        found += [(f"{example} foo bar baz", "unexpected argument", example)]
+        needed = [p.opts[0] if p.opts[0].startswith("-") else p.metavar for p in command.params if p.required]
+        found += [(words, f"{name} is missing", example) for name in needed[:1]]
+        for p in command.params:
+            name = max(p.opts, key=len)
+            if name.startswith("--") and p.is_flag:
+                found += [(f"{example} {name}=3", f"{name} takes no value", "")]
+            elif name.startswith("--"):
+                found += [(f"{example} {name}", f"{name} needs a value", example)]
+                found += [(f"{example} {name}x 1", f"unknown option {name}x", f"did you mean {name}")]
+            if name in NUMERIC:
+                found += [(f"{example} {name} foo", f"{name}: expected a ", "number")]
+                found += [(f"{example} {name}=foo", f"{name}: expected a ", "got 'foo'")]
+    return found
+
+
+def test_each_option_that_is_mistyped_is_named_in_one_line_with_what_to_type(folder: Path, typed: Any) -> None:
+    wrong = wrong_commands()
+    assert len(wrong) > 500
+    for words, begin, advice in wrong:
+        status, out, said = typed(*shlex.split(words)[1:])
+        assert (status, out, said.count("\n")) == (2, "", 1), f"{words}: {said}"
+        assert said.startswith(f"error: {begin}") and advice in said, f"{words}: {said}"
+
+
+@pytest.mark.parametrize(
+    ("spaces", "commas"),
+    [
+        ("ik --xyz=0.1 0.3 0.2 --rpy-deg -90 10 20", "ik --xyz=0.1,0.3,0.2 --rpy-deg -90,10,20"),
+        ("fk 20 -35 40 25 50 -30", "fk 20,-35,40,25,50,-30"),
+        ("fk -20 -35 --json 40 25 50 -30", "fk -20,-35,40,25,50,-30 --json"),
+        ("fk -r ur5e --gravity 0,0,1 -1e1 +20 .5 4 5 6", "fk -r ur5e --gravity 0,0,1 -1e1,+20,.5,4,5,6"),
+        ("fk --robot irb910sc -- -10 20 30 4", "fk --robot irb910sc -10,20,30,4"),
+        ("plan joints --to-deg -1 2 3 4 5 6 --samples 9", "plan joints --to-deg -1,2,3,4,5,6 --samples 9"),
+    ],
+)
+def test_numbers_with_spaces_are_those_with_commas(typed: Any, spaces: str, commas: str) -> None:
+    found, expected = (typed(*words.split()) for words in (spaces, commas))
+    assert found == expected
+    assert found[0] == 0 and found[1]
+
+
 def test_the_help_lists_what_a_user_needs_first() -> None:
     said = optik_process("--help").stdout
-    found = [name for line in said.splitlines() if (name := line.strip("│ ").split(" ")[0]) in ORDER]
-    assert found == list(ORDER)
+    assert re.findall(r"^│ (\w+) ", said, re.MULTILINE) == [name for names in COMMAND_PANELS.values() for name in names]
+    assert re.findall(r"^╭─ (.*?) ─", said, re.MULTILINE) == ["Options", *COMMAND_PANELS]
     assert optik_process().returncode == 2
+    line = optik_process("plan", "line", "--help").stdout
+    assert line.index("--move") < line.index("--turn-deg") < line.index("--free") < line.index("--robot")
+    assert "<bool>" not in line.partition("--help")[0]
+
+
+def test_a_torque_may_be_without_limit_and_a_stop_advises_nothing_of_python(folder: Path, typed: Any) -> None:
+    status, _, said = typed("plan", "line", "--torque", "330,330,330,inf,inf,inf", "--out", "line.json")
+    assert status == 0, said
+    status, out, _ = typed("drive", "line.json", "--stop", "0.05")
+    assert status == 0 and "stopped on request" in out and "resume" not in out
 
 
 def test_a_line_without_a_move_says_that_it_is_a_demonstration(typed: Any) -> None:
@@ -78,9 +146,11 @@ def test_a_line_without_a_move_says_that_it_is_a_demonstration(typed: Any) -> No
     assert "demonstration" not in typed("plan", "line", "--move", "-0.1,0,0.1")[2]
 
 
-def test_a_path_that_ends_far_away_asks_for_its_unit(typed: Any) -> None:
+def test_a_path_that_ends_far_away_asks_for_its_unit(folder: Path, typed: Any) -> None:
     status, _, said = typed("plan", "line", "--move", "-120,0,200")
-    assert status == 1 and "its end is 233.2 m away" in said and "millimetres?" in said
+    assert status == 1 and "its end is 233.2 m away, and the arm reaches 0.9452 m" in said
+    for words in ("ik --xyz 500,0,0", "plan polyline --via 100,300,200", "cell --drive ideal --spot 100,300,200"):
+        assert "coordinates are in metres: are these in millimetres?" in typed(*words.split())[2]
 
 
 def test_a_law_does_not_enforce_what_was_only_given(typed: Any) -> None:
