@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from scipy.interpolate import PPoly
 
 from optik import JointLimits, Robot
-from optik.errors import InvalidInput, MissingDependency, NoSolution, OutputError
+from optik.errors import InvalidInput, NoSolution, OutputError
 from optik.scene.messages import LONGEST_DURATION, NANOSECONDS
 from optik.types import Array
 from planners import JointLine, Line, MotionLimits, Trajectory, load_motion, make_law, plan, save
@@ -482,13 +482,6 @@ def test_what_is_written_as_yaml_is_read_back_to_the_last_bit(values: list[float
     message = {"header": {"stamp": time, "frame_id": name}, "joint_names": [name], "points": [point, point]}
     back = yaml.safe_load(_to_yaml(message, ["a: b", "# c"]))
     assert repr(back) == repr(message), "types and the sign of zero too"
-
-
-def test_yaml_without_pyyaml_says_how_to_get_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(__import__("sys").modules, "yaml", None)
-    to_ros(hop(), tmp_path / "motion.yaml")
-    with pytest.raises(MissingDependency, match=r"optik-toolkit\[ros\]"):
-        load_trajectory(tmp_path / "motion.yaml", paper6r())
 
 
 # ---------------------------------------------------------------- reading what others wrote
