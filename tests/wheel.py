@@ -63,8 +63,9 @@ def main() -> None:
             "NUMBA_CACHE_DIR": str(Path(folder, "cache")),
         }
         for words in (
-            ["-m", "pip", "install", "--quiet", f"{wheel}[closed-form]"],
+            ["-m", "pip", "install", "--quiet", str(wheel)],
             ["-c", lines],
+            ["-m", "pip", "install", "--quiet", f"{wheel}[bench,closed-form]"],
             ["-m", "benchmarks.cli", "demo", "--out", "demo"],
             ["-c", LOAD],
             ["-c", ARMS],
