@@ -80,7 +80,7 @@ from optik.arm.model import DHRow
 from optik.arm.plain import read_list, read_record, read_vector, read_word
 from optik.arm.robot import Robot
 from optik.arm.shapes import Shapes
-from optik.check import check_count, check_number, check_words, format_value
+from optik.check import check_count, check_flag, check_number, check_words, format_value
 from optik.errors import InvalidInput
 from optik.file_io import decode_text, parse_toml, read_bytes
 from optik.plugins.files import is_path, split_links
@@ -117,6 +117,7 @@ LINK_KEYS = ("mass_kg", "com_mm", "inertia", "motor", "viscous", "coulomb")
 def load(
     name: str | os.PathLike[str], *, tip: str | None = None, base: str | None = None,
     values: Mapping[str, float] | None = None, gravity: ArrayLike | None = None, without_shape: Sequence[str] | None = None,
+    shapes: bool | None = None,
 ) -> Robot:  # fmt: skip
     """Load a robot by name or from a file.
 
@@ -133,6 +134,8 @@ def load(
         For a URDF, as in `Robot.from_urdf`; ``without_shape`` implies that shapes are read.
     gravity : (3,) array, optional
         Direction of gravity in the base frame [1], in place of the file's.
+    shapes : bool, optional
+        Whether the <collision> elements of a URDF are read; by default as the options behind its path say.
 
     Returns
     -------
@@ -153,8 +156,16 @@ def load(
     path, links = split_links(os.fspath(name)) if foreign or is_path(name) else ("", "")
     urdf = foreign or Path(path).suffix.lower() in URDF
     if gravity is not None and not urdf:
-        return load(name, tip=tip, base=base, values=values, without_shape=without_shape).with_gravity(gravity)
+        links_given: dict[str, Any] = {
+            "tip": tip,
+            "base": base,
+            "values": values,
+            "without_shape": without_shape,
+            "shapes": shapes,
+        }
+        return load(name, **links_given).with_gravity(gravity)
     options = {"tip": tip, "base": base, "values": values, "gravity": gravity, "without_shape": without_shape}
+    options["shapes"] = None if shapes is None else "yes" if check_flag(shapes, "shapes") else "no"
     given = {key: value for key, value in options.items() if value is not None}
     if path:
         # A URDF contains the robot's name, so its file may be named like one of our robots.

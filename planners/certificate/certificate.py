@@ -288,7 +288,8 @@ def summary_lines(proof: Certificate, least: float | None = None) -> list[str]:
         enforced = ", ".join(name for name in proof.enforced if not np.isnan(proof.worst(name)[0]))
         status = f"certificate valid; enforced: {enforced or 'joint ranges and path only'}"
     else:
-        more = f" (and {len(proof.reasons) - 1} more violations)" if len(proof.reasons) > 1 else ""
+        others = len(proof.reasons) - 1
+        more = f" (and {others} more violation{'s' * (others > 1)})" if others else ""
         status = f"certificate NOT valid: {shorten(proof.reasons[0])}{more}"
     joints = f" (slowest joint alone: {least:.3g} s)" if least else ""
     return [status, f"duration {proof.duration:.3g} s{joints}", *_limit_lines(proof), *_tool_lines(proof)]

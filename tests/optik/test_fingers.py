@@ -167,6 +167,8 @@ def test_a_joint_that_cannot_be_held_is_named(values, words):
 def test_a_file_is_loaded_with_held_joints_and_only_a_urdf_has_some(tmp_path):
     (tmp_path / "claw.urdf").write_text(FINGER, encoding="utf-8")
     assert optik.load(f"{tmp_path}/claw.urdf#tip=tip&shapes=yes", values={"grip": 0.3}) == claw(values={"grip": 0.3})
+    assert optik.load(f"{tmp_path}/claw.urdf#tip=tip", values={"grip": 0.3}, shapes=True) == claw(values={"grip": 0.3})
+    assert optik.load(f"{tmp_path}/claw.urdf#tip=tip", values={"grip": 0.3}, shapes=False).shapes is None
     (tmp_path / "claw.json").write_text(json.dumps(claw().to_dict()), encoding="utf-8")
     for name in ("panda", tmp_path / "claw.json"):
         with pytest.raises(InvalidInput, match="values"):
