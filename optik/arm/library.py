@@ -152,21 +152,23 @@ def load(
     """
     if not isinstance(name, str | os.PathLike):
         raise InvalidInput("name", repr(name)[:60], "a name from optik.robots(), or the path of a file")
+    options: dict[str, Any] = {"tip": tip, "base": base, "values": values, "without_shape": without_shape}
+    options |= {
+        "gravity": gravity,
+        "shapes": shapes if shapes is None else "yes" if check_flag(shapes, "shapes") else "no",
+    }
+    return _load(name, {key: value for key, value in options.items() if value is not None})
+
+
+def _load(name: str | os.PathLike[str], given: dict[str, Any]) -> Robot:
+    """Load a robot with the given options; every arm takes gravity, and a URDF the others."""
     foreign = str(name).startswith(PREFIX)
     path, links = split_links(os.fspath(name)) if foreign or is_path(name) else ("", "")
     urdf = foreign or Path(path).suffix.lower() in URDF
-    if gravity is not None and not urdf:
-        links_given: dict[str, Any] = {
-            "tip": tip,
-            "base": base,
-            "values": values,
-            "without_shape": without_shape,
-            "shapes": shapes,
-        }
-        return load(name, **links_given).with_gravity(gravity)
-    options = {"tip": tip, "base": base, "values": values, "gravity": gravity, "without_shape": without_shape}
-    options["shapes"] = None if shapes is None else "yes" if check_flag(shapes, "shapes") else "no"
-    given = {key: value for key, value in options.items() if value is not None}
+    if "gravity" in given and not urdf:
+        return _load(name, {key: value for key, value in given.items() if key != "gravity"}).with_gravity(
+            given["gravity"]
+        )
     if path:
         # A URDF contains the robot's name, so its file may be named like one of our robots.
         if not urdf:
