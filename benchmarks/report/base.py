@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -115,9 +116,9 @@ class KindReport:
 
 
 def load_report(kind: Kind) -> KindReport:
-    """Find the report of a kind of block: in the module of its name in this folder, or in the kind's own module."""
-    ours = kind.name in own_names(GROUP)
-    module = import_module(f"benchmarks.report.{kind.name}" if ours else type(kind).__module__)
+    """Find the report of a kind of block: in this folder's module of its name, in its own module, or the plain one."""
+    here = f"benchmarks.report.{kind.name}"
+    module = import_module(here if kind.name in own_names(GROUP) and find_spec(here) else type(kind).__module__)
     found: KindReport | None = getattr(module, "REPORT", None)
     return found or plain_report(kind)
 

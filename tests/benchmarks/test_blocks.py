@@ -7,6 +7,8 @@ import pickle
 import pytest
 
 from benchmarks.blocks.base import GROUP, Kind, kind_names, load_kind
+from benchmarks.blocks.block import Block
+from benchmarks.report import base
 from benchmarks.report.base import load_report
 from benchmarks.suite import suite_of
 from optik.errors import InvalidInput, UnknownName
@@ -31,6 +33,17 @@ def test_every_kind_keeps_the_contract(name: str) -> None:
         assert section.template.is_file()
     with pytest.raises(InvalidInput):
         kind.settings("no table")
+
+
+def test_a_kind_of_ours_without_a_module_in_the_report_has_the_table_of_its_measures(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    class Squares(Kind):
+        name, title, block = "squares", "Squares", Block
+
+    monkeypatch.setattr(base, "own_names", lambda group: {"squares"})
+    (section,) = load_report(Squares()).sections
+    assert (section.title, section.anchor) == ("Squares", "squares")
 
 
 def test_a_key_of_an_earlier_version_names_the_new_one() -> None:
