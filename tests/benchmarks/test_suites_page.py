@@ -13,7 +13,7 @@ import pytest
 from typer.testing import CliRunner
 
 import optik
-from benchmarks.blocks.base import load_kind
+from benchmarks.blocks.base import GROUP, load_kind
 from benchmarks.blocks.cell import EXECUTED
 from benchmarks.blocks.cell.trials import EXECUTION
 from benchmarks.cli.app import app
@@ -209,7 +209,7 @@ def test_the_page_has_the_columns_of_every_table_of_a_run(own: Path, small_run: 
         "`rows/calls/": set(pl.read_parquet(own / "run/rows/calls/ik--*.parquet").columns),
         "`rows/timing/": set(pl.read_parquet(own / "run/rows/timing/laws--*.parquet").columns),
     }
-    for name in ("budgets", "calls", "batch", "clearance", "freedom", "motion", "timing"):
+    for name in sorted(own_names(GROUP)):
         stored = {name for name, field in load_kind(name).fields.items() if field.stored}
         assert found.setdefault(f"`rows/{name}/", stored) == stored | ({"block"} & found[f"`rows/{name}/"])
     executed = {"All executions": set(EXECUTION)}
