@@ -1,7 +1,7 @@
 """The layout of the packages: imports point down, no circles, few entries at the top, short files, few parameters."""
 
 import ast
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Iterator
 from functools import cache
 from itertools import pairwise
@@ -281,9 +281,24 @@ def names_of(node: ast.Assign | ast.AnnAssign) -> list[str]:
     return [n.id for n in flat if isinstance(n, ast.Name) and n.id.isupper() and len(n.id) > 1 and n.id not in SHARED]
 
 
-def test_a_constants_name_has_one_meaning_in_its_folder() -> None:
-    count = Counter((path.parent, name) for path in FILES for name in {name for name, _ in constants(path)})
-    assert sorted(f"{relative(folder)}: {name}" for (folder, name), times in count.items() if times > 1) == []
+def second_meanings(root: Path, files: list[Path]) -> list[str]:
+    """Constants whose name another file of the folder has, too, with the first of these files."""
+    first: dict[tuple[Path, str], Path] = {}
+    found = []
+    for path in files:
+        for name in dict.fromkeys(name for name, _ in constants(path)):
+            other = first.setdefault((path.parent, name), path)
+            if other != path:
+                found.append(f"{path.relative_to(root)}: {name}, which is in {other.relative_to(root)}, too")
+    return found
+
+
+def test_a_constants_name_has_one_meaning_in_its_folder(tmp_path: Path) -> None:
+    assert second_meanings(REPOSITORY, FILES) == []
+    files = [tmp_path / name for name in ("a.py", "b.py", "c.py")]
+    for file, text in zip(files, ("MOST = 1\n", "LEAST = 2\nLEAST = 3\n", "LEAST = 4\nmost = 5\n"), strict=True):
+        file.write_text(text)
+    assert second_meanings(tmp_path, files) == ["c.py: LEAST, which is in b.py, too"]
 
 
 def test_every_constant_says_why() -> None:
