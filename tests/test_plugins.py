@@ -24,6 +24,7 @@ from typer.testing import CliRunner
 
 import optik
 import planners
+from benchmarks.blocks.base import Trials, load_kind
 from benchmarks.cli.app import app
 from benchmarks.problems.base import ProblemSet
 from benchmarks.report.page import write_report
@@ -828,3 +829,8 @@ def test_the_package_of_the_examples_works_as_installed(tmp_path: Path, monkeypa
     assert 200 >= lm > dls > 100
     page = write_report(run).read_text(encoding="utf-8")
     assert '<section id="reach">' in page and "of the box reached" in page
+    methods = [{"solver": "lm"}, {"solver": "dls", "max_problems": 1}]
+    few = load_kind("reach").settings(suite.settings["reach"][0] | {"count": 2, "methods": methods})
+    trials = Trials(load_kind("reach"), few, 0, (0, 1), few.labels)
+    for rows in (trials.solve(), trials.crashed()):
+        assert rows.select("method", "problem").rows() == [("lm", 0), ("lm", 1), ("dls", 0)]

@@ -30,7 +30,7 @@ def beside(robot, seed, *, count=100, distance=0.1):
     check_count(count, "count", 1)
     check_number(distance, "distance", "metres above 0", above=0.0)
     rng = np.random.default_rng((seed, 5))
-    starts = rng.uniform(robot.limits.lower, robot.limits.upper, (count, robot.n))
+    starts = robot.limits.sample(rng, count)
     way = rng.normal(size=(count, 3))
     targets = robot.fk(starts)
     targets[:, :3, 3] += distance * way / np.linalg.norm(way, axis=1, keepdims=True)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 
-from optik.errors import InvalidInput
+from optik.file_io import decode_text, parse_json
 from planners.files.base import Format, from_plain, to_plain
 
 
@@ -19,12 +19,9 @@ class Tsv(Format):
         return "".join(f"{key}\t{json.dumps(value)}\n" for key, value in to_plain(motion).items()).encode()
 
     def from_bytes(self, content):
-        """Return the motion. Damaged content raises InvalidInput, here or in `from_plain`."""
-        try:
-            lines = [line.partition("\t") for line in content.decode().splitlines()]
-            return from_plain({key: json.loads(value) for key, _, value in lines})
-        except (UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
-            raise InvalidInput("content", str(error)[:120], "lines of a key, a tab and JSON") from None
+        """Return the motion. Damaged content raises InvalidInput, in each of these functions."""
+        lines = [line.partition("\t") for line in decode_text(content).splitlines()]
+        return from_plain({key: parse_json(value, key[:60]) for key, _, value in lines})
 
 
 METHOD = Tsv

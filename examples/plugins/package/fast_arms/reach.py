@@ -56,15 +56,21 @@ class Reach(Kind):
         """Return the number of problems."""
         return block.count
 
+    def keys(self, trials):
+        """Yield the keys of each row; a method with `max_problems` is given the first ones."""
+        for method in (m for m in trials.block.methods if m.label in trials.labels):
+            for number in trials.numbers:
+                if method.most is None or number < method.most:
+                    yield {"method": method.label, "problem": number}
+
     def solve(self, trials):
         """Yield a row for each problem and method; the seed depends on the problem, not on the process."""
         block, arm = trials.block, optik.load(trials.block.robot)
-        q0 = np.radians(block.start_deg)
-        for label, method in ((m.label, m) for m in block.methods if m.label in trials.labels):
-            for number in trials.numbers:
-                target = arm.fk(q0)
-                target[:3, 3] = np.random.default_rng((trials.seed, number)).uniform(block.low_m, block.high_m)
-                begin = time.perf_counter()
-                found = optik.solve_ik(arm, target, q0, method.name, **method.options)
-                ms = 1e3 * (time.perf_counter() - begin)
-                yield {"method": label, "problem": number, "reached": bool(found), "ms": ms}
+        q0, methods = np.radians(block.start_deg), {method.label: method for method in block.methods}
+        for keys in self.keys(trials):
+            method, target = methods[keys["method"]], arm.fk(q0)
+            target[:3, 3] = np.random.default_rng((trials.seed, keys["problem"])).uniform(block.low_m, block.high_m)
+            begin = time.perf_counter()
+            found = optik.solve_ik(arm, target, q0, method.name, **method.options)
+            ms = 1e3 * (time.perf_counter() - begin)
+            yield keys | {"reached": bool(found), "ms": ms}
