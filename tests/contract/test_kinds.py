@@ -16,8 +16,8 @@ from optik.registry import data_file, own_names
 
 LITTLE = {"count": 2, "rounds": 1, "repeats": 1, "cycles": 1, "path_cycles": 1}
 """Largest value of each key that multiplies the work of a block."""
-LEFT_OUT = {"targets", "peers"}
-"""A little block has no bound to meet, and names no package of others."""
+LEFT_OUT = {"targets", "peers", "max_problems"}
+"""A little block has no bound to meet, names no package of others, and gives every method all problems."""
 
 
 def is_counted(settings: Any) -> bool:
