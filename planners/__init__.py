@@ -16,6 +16,8 @@ from planners.paths.line import Line
 from planners.paths.point_to_point import PointToPoint, ViaPoint
 from planners.paths.polyline import Polyline
 from planners.plan import Plan, PlanStatus, plan
+from planners.program.parts import Dwell, Move, Part, Program, ToolChange
+from planners.program.result import ProgramPlan
 from planners.replan import replan
 from planners.ros.export import to_ros
 from planners.search import SearchResult, SearchStatus, find_path
@@ -25,18 +27,24 @@ from planners.trajectory import Trajectory
 __all__ = [
     "Arc",
     "Certificate",
+    "Dwell",
     "JointLine",
     "Line",
     "Motion",
     "MotionLimits",
+    "Move",
+    "Part",
     "Path",
     "Plan",
     "PlanStatus",
     "PointToPoint",
     "Polyline",
+    "Program",
+    "ProgramPlan",
     "SearchResult",
     "SearchStatus",
     "TimeLaw",
+    "ToolChange",
     "Trajectory",
     "ViaPoint",
     "certify",

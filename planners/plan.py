@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from numpy.typing import ArrayLike
 
 from optik.arm.robot import Robot
@@ -21,15 +23,18 @@ from planners.paths.goal import check_winding, path_to
 from planners.planning.planner import MotionPlanner
 from planners.planning.request import PlanRequest
 from planners.planning.result import Plan, PlanSeconds
+from planners.program.parts import Program
+from planners.program.planner import Options, plan_program
+from planners.program.result import ProgramPlan
 from planners.search.base import SearchLike
 from planners.timing import LawLike, make_law
 
-__all__ = ["Plan", "PlanSeconds", "PlanStatus", "make_law", "path_to", "plan"]
+__all__ = ["Plan", "PlanSeconds", "PlanStatus", "ProgramPlan", "make_law", "path_to", "plan"]
 
 
 def plan(
     robot: Robot,
-    path: Path | ArrayLike,
+    path: Path | Program | ArrayLike,
     q_start: ArrayLike | None = None,
     *,
     solver: SolverLike = "lm", timing: LawLike = "optimal",
@@ -43,8 +48,9 @@ def plan(
     ----------
     robot : Robot
         The arm.
-    path : Path, or (4, 4) array, or (n,) array
-        The path of the tool. A pose means the straight line to it; joints [rad, m] mean the line in joint space.
+    path : Path, Program, (4, 4) array, or (n,) array
+        The path of the tool. A pose means the straight line to it; joints [rad, m] mean the line in joint space. A `Program`
+        means many parts in one motion; the result is a `ProgramPlan`.
     q_start : (n,) array, optional
         Configuration at the path's start [rad, m]; by default the best one there.
     solver, timing : str, path, type, or IKSolver and TimeLaw
@@ -84,8 +90,20 @@ def plan(
     InvalidInput, UnknownName
         An invalid argument; a limit that the law needs and that is missing; an unknown method or law; an arm without shapes.
     """
-    options = tolerance, rate, scene, allow, avoid, winding
-    built = _build_request(robot, path, q_start, solver, timing, limits, options)
+    if isinstance(path, Program):
+        alone = partial(
+            plan, solver=solver, timing=timing, samples=samples, rate=rate, strict=strict, allow=allow, scene=scene,
+            winding=winding,
+        )  # fmt: skip
+        _check_options(duration, strict)
+        if branch is not None or avoid is not False:
+            raise InvalidInput(
+                "avoid" if branch is None else "branch", "one for a program", "Part(goal, avoid=True), or none"
+            )
+        options = Options(solver, _check_limits(robot, limits), samples, Tolerance.of(tolerance), scene, winding)
+        return plan_program(robot, path, q_start, alone, options, duration)
+    given = tolerance, rate, scene, allow, avoid, winding
+    built = _build_request(robot, path, q_start, solver, timing, limits, given)
     return MotionPlanner(*built, samples, _check_options(duration, strict)).run(q_start, branch, duration)
 
 
@@ -98,15 +116,21 @@ def _check_options(duration: float | None, strict: bool) -> bool:
     return strict
 
 
+def _check_limits(robot: Robot, limits: MotionLimits | None) -> MotionLimits:
+    """Return the limits, by default those of the robot."""
+    limits = MotionLimits.of(robot) if limits is None else limits
+    if not isinstance(limits, MotionLimits):
+        raise InvalidInput("limits", repr(limits)[:60], "an object of the class MotionLimits")
+    return limits
+
+
 def _build_request(
     robot: Robot, path: Path | ArrayLike, q_start: ArrayLike | None, given: SolverLike, timing: LawLike,
     limits: MotionLimits | None, options: tuple[ToleranceLike, float, Scene | None, Allow, bool | SearchLike, str],
 ) -> tuple[IKSolver, PlanRequest]:  # fmt: skip
     """Return the solver and the request, with defaults filled in, after checking that the arguments are consistent."""
     solver, law = get_solver(robot, given), make_law(timing)
-    limits = MotionLimits.of(robot) if limits is None else limits
-    if not isinstance(limits, MotionLimits):
-        raise InvalidInput("limits", repr(limits)[:60], "an object of the class MotionLimits")
+    limits = _check_limits(robot, limits)
     tolerance, rate, scene, allow, avoid, winding = options
     avoid, winding, unreachable = check_avoid(avoid), check_winding(winding), None
     winding = "exact" if isinstance(path, Path) else winding

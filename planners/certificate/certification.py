@@ -31,8 +31,10 @@ from planners.certificate.effort import energy, friction_steps
 from planners.certificate.frechet import waypoint_error
 from planners.certificate.path_error import PathError
 from planners.certificate.projection import NEAREST_TURN
-from planners.limits import ALL_LIMITS, LOADED, Extreme, MotionLimits, ToolExtreme, check_path
+from planners.certificate.sections import cut_between, find_stops, limits_of_parts, merge_certificates, select_worse
+from planners.limits import ALL_LIMITS, LOADED, MotionLimits, check_path
 from planners.paths.base import Path
+from planners.paths.program import ProgramPath
 from planners.paths.waypoints import check_waypoints
 from planners.trajectory import Trajectory, cut_after, cut_before
 
@@ -93,8 +95,33 @@ def certify(
     enforced = _check_enforced(enforced, limits)
     tolerance = None if tolerance is None else Tolerance.of(tolerance)
     analysis = _check_analysis(analysis, robot, trajectory)
+    if isinstance(path, ProgramPath):
+        given = {
+            "law": law,
+            "enforced": enforced,
+            "rate": rate,
+            "tolerance": tolerance,
+            "scene": scene,
+            "before": before,
+        }
+        return _certify_sections(path, trajectory, limits, span, given)
     criteria: dict[str, Any] = {"law": law, "enforced": enforced, "rate": check_rate(rate), "tolerance": tolerance}
     return _certify(analysis.along_path(path, *_required_accuracy(tolerance)), limits, before, span, scene, criteria)
+
+
+def _certify_sections(
+    path: ProgramPath, trajectory: Trajectory, limits: MotionLimits, span: tuple[float, float], criteria: dict[str, Any]
+) -> Certificate:
+    """Return the certificate of a motion that stops at the end of each section."""
+    which, times = path.find_sections(span), find_stops(path, trajectory, span)
+    before = criteria.pop("before")
+    proofs = []
+    for i, (begin, _, end) in zip(which, times, strict=True):
+        motion = cut_between(trajectory, begin, end)
+        a, b = (float(np.clip(s - path.starts[i], 0.0, path.sections[i].end)) for s in span)
+        own, changed = limits_of_parts(limits, path.firsts[i], path.firsts[i + 1]), before if begin == 0.0 else None
+        proofs.append(certify(path.robots[i], path.sections[i], motion, own, span=(a, b), before=changed, **criteria))
+    return merge_certificates(path.robots[0], path.starts[which], trajectory, proofs, [time.begin for time in times])
 
 
 def _check_part(
@@ -237,7 +264,7 @@ def judge_parts(motion: MotionAnalysis, parts: tuple[LimitedPart, ...]) -> dict[
     for kind in parts[-1].limits.kinds:
         each: list[Any] = [kind.judge(part.motion, part.limits.bounds(n)[kind.name]) for part in parts]
         each = [x._replace(time=x.time + part.begin) for x, part in zip(each, parts, strict=True)]
-        found[kind.name] = each[0] if len(each) == 1 else _select_worse(*each)
+        found[kind.name] = each[0] if len(each) == 1 else select_worse(*each)
     if len(parts) > 1:
         k = int(np.searchsorted(motion.trajectory.knots, parts[1].begin))
         jump = motion.jumps[:3, k].any(axis=0)
@@ -248,11 +275,3 @@ def judge_parts(motion: MotionAnalysis, parts: tuple[LimitedPart, ...]) -> dict[
                 ratio = np.where(where & ~np.isnan(worst.ratio), np.inf, worst.ratio)
                 found[kind.name] = worst._replace(ratio=ratio)
     return found
-
-
-def _select_worse(first: Any, second: Any) -> Extreme | ToolExtreme:
-    """Return for each joint the peak with the larger ratio, or with the larger value if neither is limited."""
-    free = np.isnan(first.ratio) & np.isnan(second.ratio)
-    a, b = (np.where(free, x.value, np.nan_to_num(x.ratio, nan=-1.0, posinf=np.inf)) for x in (first, second))
-    chosen = [np.where(a >= b, x, y) for x, y in zip(first, second, strict=True)]
-    return Extreme(*chosen) if isinstance(first, Extreme) else ToolExtreme(*(float(x) for x in chosen))

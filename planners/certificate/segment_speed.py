@@ -47,7 +47,7 @@ def _stretches(
     limit = on_pieces[first]
     for k in np.flatnonzero(back & (first < last)):
         limit[k] = on_pieces[first[k] : last[k] + 1].min()
-    changes = np.flatnonzero(np.diff(on_pieces) != 0.0)  # inner breaks at which the limit changes
+    changes = np.flatnonzero(on_pieces[1:] != on_pieces[:-1])  # inner breaks at which the limit changes
     count = np.searchsorted(changes, last) - np.searchsorted(changes, first)
     count[back] = 0
     parted = np.repeat(np.arange(count.size), count)  # intervals, once for each change in them

@@ -61,6 +61,8 @@ class PlanFailure:
         Why, with numbers; and what to change.
     singular_value : float
         Smallest singular value of the Jacobian at the last valid configuration; NaN if there is none.
+    part : int or None
+        The part of a program, from 0, to which s belongs.
     """
 
     status: StrEnum
@@ -69,6 +71,7 @@ class PlanFailure:
     reason: str
     advice: str
     singular_value: float = float("nan")
+    part: int | None = None
 
     @classmethod
     def from_error(cls, status: StrEnum, error: NoSolution) -> Self:

@@ -220,7 +220,9 @@ class Follower:
             i = int(np.abs(self.q - q[0]).argmax())
             got = f"{robot.joint_names[i]} {abs(self.q[i] - q[0, i]):.3g} {joint_unit(robot, i)} from the path's start"
             raise InvalidInput("q_start", got, "the configuration where the path starts, or None")
-        knots = np.union1d(self.grid, path.breaks[(path.breaks > 0.0) & (path.breaks < path.end)])
+        knots = path.nodes
+        if knots is None:
+            knots = np.union1d(self.grid, path.breaks[(path.breaks > 0.0) & (path.breaks < path.end)])
         orders = [path.configurations(robot, knots, order) for order in range(4)]
         q, dq = np.array(orders[0]), np.stack([np.array(d) for d in orders[1:]], axis=1)
         lower, upper = robot.limits.lower - LIMIT_TOLERANCE, robot.limits.upper + LIMIT_TOLERANCE
@@ -239,7 +241,7 @@ class Follower:
             return FollowResult(None, failure)
         at = knots[:good]
         record = IKRecord(np.zeros(good), np.zeros(good), np.zeros(good, np.int64), at)
-        chosen = np.isin(np.arange(good), thin_knots(at, path.breaks))
+        chosen = np.isin(np.arange(good), thin_knots(at, path.breaks if path.nodes is None else at))
         return FollowResult(JointPath(robot, path, at, q[:good], dq[:good], record, chosen), failure)
 
     def _follow_poses(self) -> FollowResult:

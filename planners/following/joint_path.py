@@ -90,6 +90,11 @@ class JointPath(PiecewiseCurve):
         view.setflags(write=False)
         return view
 
+    @property
+    def at_nodes(self) -> Array:
+        """Configurations and their first three derivatives (m, 4, n) at the nodes [rad, m]."""
+        return np.asarray(np.concatenate([self.q[:, None], self.derivatives], axis=1)[self._chosen])
+
     @cached_property
     def singular_values(self) -> Array:
         """Smallest singular value (k,) of the Jacobian at the knots."""

@@ -93,6 +93,8 @@ class Path(Curve):
         Number of segments with their own speed limits.
     in_joints : bool
         Whether a certificate finds s from the joints instead of the tool, which may rest on such a path.
+    density : float
+        Grid intervals of the law `optimal` over its default: narrow corners need more.
     """
 
     parameter = "s"
@@ -100,6 +102,7 @@ class Path(Curve):
     turns_only = False
     segments = 1
     in_joints = False
+    density = 1.0
     name: ClassVar[str]
 
     def __repr__(self) -> str:
@@ -209,6 +212,11 @@ class Path(Curve):
         (k, n) array or None
             Configurations [rad, m] or derivatives per unit of s; None for a Cartesian path.
         """
+        return None
+
+    @property
+    def nodes(self) -> Array | None:
+        """Path parameters (k,) of the nodes of a path in joint space; None for equally spaced ones."""
         return None
 
     def joint_bounds(self) -> Array | None:

@@ -9,14 +9,14 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optik import kinematics, newton, se3
+from optik import newton, se3
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput, NoSolution
 from optik.ik import solve_ik
 from optik.ik.problem import check_start
 from optik.types import Array
 from planners.paths.base import Path, check_arm, fields
-from planners.paths.poses import rotation_derivative_norms
+from planners.paths.joint_bounds import tool_bounds, tool_twists
 from planners.trajectory.curve import Curve
 
 BOUND_SAMPLES = 32
@@ -140,20 +140,16 @@ class JointLine(Path):
             return robot.fk(q)
         if order == 1:
             return np.asarray(robot.jacobian(q) @ rate)
-        return self._twists(q)[:, order - 1]
+        return tool_twists(robot, self._joint_derivatives(q))[:, order - 1]
 
-    def _twists(self, q: Array) -> Array:
-        """Return twists and their first two derivatives (k, 3, 6) at configurations (k, n) of the path."""
-        robot = self.robot
-        derivatives, twists = np.zeros((len(q), 3, robot.n)), np.empty((len(q), 3, 6))
-        derivatives[:, 0] = self._joints.rate
-        kinematics.tool_motion_batch(robot.chain, q, derivatives, twists)
-        return twists
+    def _joint_derivatives(self, q: Array) -> Array:
+        """Return configurations (k, n) of the path with their first three derivatives (k, 4, n)."""
+        joints = np.zeros((len(q), 4, self.robot.n))
+        joints[:, 0], joints[:, 1] = q, self._joints.rate
+        return joints
 
     def derivative_bounds(self) -> Array:
         """Return bounds (2, 4) on the derivatives of position and rotation."""
-        # The fourth is by reach alone (`_reach_bounds`). A lower one is at most its largest sample, plus half the distance
-        # of the samples times the bound above it.
         return self._bounds.copy()
 
     def joint_bounds(self) -> Array:
@@ -164,36 +160,11 @@ class JointLine(Path):
 
     @cached_property
     def _bounds(self) -> Array:
-        bounds = self._reach_bounds()
-        if not self.end:
-            return bounds
         cells = int(np.clip(np.ceil(BOUND_SAMPLES * self.end), BOUND_SAMPLES, 64 * BOUND_SAMPLES))
-        twists = self._twists(self._joints(np.linspace(0.0, self.end, cells + 1)))
-        sampled = np.stack([
-            np.linalg.norm(twists[:, :, :3], axis=2).max(axis=0),
-            rotation_derivative_norms(*np.swapaxes(twists[:, :, 3:], 0, 1)).max(axis=0),
-        ])  # fmt: skip
-        for k in (2, 1, 0):
-            between = (1.0 + 1e-12) * sampled[:, k] + 0.5 * self.end / cells * bounds[:, k + 1]
-            bounds[:, k] = np.minimum(bounds[:, k], between)
-        return bounds
-
-    def _reach_bounds(self) -> Array:
-        """Return bounds (2, 4) for any configurations: a link turns at most at the sum of the rates of the joints before it."""
-        # A link vector t behind joint i gives |t_xy| Wᵢᵏ + |t_z| Wᵢ₋₁ᵏ with Wᵢ = Σ|q'| of the revolute joints up to i,
-        # since joint i does not move points on its own axis; a prismatic joint at q gives |q| Wᵏ + k |q'|
-        # Wᵏ⁻¹.
-        robot, rate = self.robot, np.abs(self._joints.rate)
-        W = np.concatenate([[0.0], np.cumsum(np.where(robot.prismatic, 0.0, rate))])  # before joint i
-        links = np.concatenate([robot.fixed, robot.tool[None]])[:, :3, 3]
-        farthest = np.maximum(np.abs(self.q_start), np.abs(self.q_goal))
-        k = np.arange(1, 5)
-        position = np.zeros(4)
-        for i, link in enumerate(links):
-            position += float(np.hypot(link[0], link[1])) * W[i] ** k + abs(link[2]) * W[max(i - 1, 0)] ** k
-            if i < robot.n and robot.prismatic[i]:
-                position += farthest[i] * W[i] ** k + k * rate[i] * W[i] ** (k - 1)
-        return np.stack([position, W[-1] ** k])
+        joints = self._joint_derivatives(self._joints(np.linspace(0.0, self.end, cells + 1)))
+        most = np.zeros((1, 5, self.robot.n))
+        most[0, 0], most[0, 1] = np.abs([self.q_start, self.q_goal]).max(axis=0), np.abs(self._joints.rate)
+        return np.asarray(tool_bounds(self.robot, most, np.array([self.end]), tool_twists(self.robot, joints))[0])
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain data for files, with the name and fingerprint of the arm."""

@@ -12,7 +12,7 @@ from typing import Any, ClassVar, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optik import kinematics, se3
+from optik import se3
 from optik.arm.plain import read_numbers
 from optik.arm.robot import Robot
 from optik.check import real_array
@@ -24,10 +24,9 @@ from optik.tables import Names, read_table, warn_of_assumptions
 from optik.types import Array, Flags
 from planners.paths.base import Path, check_arm, fields
 from planners.paths.configurations import MISSED, choose_configurations
-from planners.paths.poses import rotation_derivative_norms
+from planners.paths.joint_bounds import tool_bounds, tool_twists
 from planners.paths.spline import ControlCurve
 from planners.paths.waypoints import LEAST_VIA_TOLERANCE, read_joint_waypoints
-from planners.trajectory.curve import BINOMIAL, bells
 
 SPANS_DIRECT, SPANS_PER_LEG = 4, (3, 6)
 """Spans of the spline from start to goal, and between via points: more shorten motions by less than 0.1 %. Where the control
@@ -307,14 +306,9 @@ class PointToPoint(Path):
 
     def _evaluate(self, x: Array, order: int) -> Array:
         joints = self._joints(x)
-        q = np.ascontiguousarray(joints[:, 0])
-        return self.robot.fk(q) if order == 0 else self._twists(q, joints)[:, order - 1]
-
-    def _twists(self, q: Array, joints: Array) -> Array:
-        """Return the twists and their first two derivatives (k, 3, 6)."""
-        twists = np.empty((len(q), 3, 6))
-        kinematics.tool_motion_batch(self.robot.chain, q, np.ascontiguousarray(joints[:, 1:]), twists)
-        return twists
+        if order == 0:
+            return self.robot.fk(np.ascontiguousarray(joints[:, 0]))
+        return tool_twists(self.robot, joints)[:, order - 1]
 
     def derivative_bounds(self) -> Array:
         """Return bounds (2, 4) on the derivatives of position and rotation."""
@@ -322,49 +316,17 @@ class PointToPoint(Path):
 
     def piece_bounds(self) -> Array:
         """Return bounds (k − 1, 2, 4) on the derivatives of position and rotation between the knots."""
-        # The fourth is by reach alone. A lower one is at most its largest sample, plus half the distance of the samples
-        # times the bound above it.
-        bounds, width = self._reach_bounds(), np.diff(self.breaks)
+        most, breaks = self.spline.derivative_bounds(self.coefficients, 4), self.breaks
+        width = np.diff(breaks)
         if self._is_straight:
-            bounds = bounds.max(axis=0, keepdims=True)
-        u = np.linspace(0.0, 1.0, SPAN_SAMPLES + 1)
-        joints = self._joints((self.breaks[:-1, None] + width[:, None] * u).ravel())
-        twists = self._twists(np.ascontiguousarray(joints[:, 0]), joints)
-        norms = np.stack([
-            np.linalg.norm(twists[:, :, :3], axis=2), rotation_derivative_norms(*np.swapaxes(twists[:, :, 3:], 0, 1))
-        ], axis=1)  # fmt: skip
-        sampled = norms.reshape(len(width), u.size, 2, 3).max(axis=1)
-        for k in (2, 1, 0):
-            between = (1.0 + 1e-12) * sampled[:, :, k] + 0.5 * width[:, None] / SPAN_SAMPLES * bounds[:, :, k + 1]
-            bounds[:, :, k] = np.minimum(bounds[:, :, k], between)
-        return bounds
+            most = most.max(axis=0, keepdims=True)
+        s = breaks[:-1, None] + width[:, None] * np.linspace(0.0, 1.0, SPAN_SAMPLES + 1)
+        return tool_bounds(self.robot, most, width, tool_twists(self.robot, self._joints(s.ravel())))
 
     def joint_bounds(self) -> Array:
         """Return bounds (k − 1, 4, n) on the derivatives of the joints between the knots, from the control points."""
         bounds = self.spline.derivative_bounds(self.coefficients, 4)[:, 1:]
         return np.asarray(bounds.max(axis=0, keepdims=True) if self._is_straight else bounds)
-
-    def _reach_bounds(self) -> Array:
-        """Return bounds (k − 1, 2, 4) for any motion with such rates: a link turns at most at the sum of those before it."""
-        # A link vector t behind joint i gives |t_xy| Bᵢ + |t_z| Bᵢ₋₁, the Bell polynomials of the sums of |q⁽ᵐ⁾| of the
-        # revolute joints up to i, since joint i does not move points on its own axis; a prismatic joint gives a product.
-        robot, most = self.robot, self.spline.derivative_bounds(self.coefficients, 4)  # (k − 1, 5, n)
-        k = len(most)
-        turning = np.where(robot.prismatic, 0.0, most)
-        turning[:, 0] = 0.0
-        sums = np.concatenate([np.zeros((k, 5, 1)), np.cumsum(turning, axis=2)], axis=2)
-        turns = np.empty((robot.n + 1, k, 5))
-        for i in range(robot.n + 1):
-            bells(np.ascontiguousarray(sums[:, :, i]), turns[i])
-        links = np.concatenate([robot.fixed, robot.tool[None]])[:, :3, 3]
-        position = np.zeros((k, 5))
-        for i, link in enumerate(links):
-            position += float(np.hypot(link[0], link[1])) * turns[i] + abs(link[2]) * turns[max(i - 1, 0)]
-            if i < robot.n and robot.prismatic[i]:
-                for m in range(5):
-                    for j in range(m + 1):
-                        position[:, m] += BINOMIAL[m, j] * most[:, j, i] * turns[i][:, m - j]
-        return np.stack([position[:, 1:], turns[-1][:, 1:]], axis=1)
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain data for files, with the name and fingerprint of the arm."""

@@ -108,13 +108,8 @@ class Polyline(Path):
         self.dropped = tuple(sorted(set(range(len(self._given))) - set(kept)))
         self.segments, self._kept = len(self._given) - 1, kept
         self.waypoints: Array = self._given[kept]
-        chords = np.diff(self.waypoints[:, :3, 3], axis=0)
-        pairs = zip(self.waypoints[:-1], self.waypoints[1:], kept[1:], strict=True)
-        turns = np.stack([shortest_turn(a, b, f"waypoints[{i}]") for a, b, i in pairs])
-        moved, turned = np.linalg.norm(chords, axis=1), np.linalg.norm(turns, axis=1)
-        only_turns = bool(moved.sum() <= 1e-6 and moved.sum() < turned.sum())  # as `Line`
+        chords, turns, length, only_turns = _measure_segments(self.waypoints, kept)
         self.turns_only, self.unit = only_turns, "rad" if only_turns else "m"
-        length = np.maximum(moved, turned if only_turns else METRES_PER_RADIAN * turned)
         ends = np.cumsum(length)
         self._end = float(ends[-1])
         self.corners: Array = ends[:-1]
@@ -350,16 +345,44 @@ def _are_near(a: Array, b: Array, near: Array) -> bool:
     return bool((np.linalg.norm(se3.error(a, b).reshape(2, 3), axis=1) <= near).all())
 
 
+def _measure_segments(waypoints: Array, kept: list[int]) -> tuple[Array, Array, Array, bool]:
+    """Return displacements, rotations and lengths in s of the segments, and whether the tool only turns."""
+    chords = np.diff(waypoints[:, :3, 3], axis=0)
+    pairs = zip(waypoints[:-1], waypoints[1:], kept[1:], strict=True)
+    turns = np.stack([shortest_turn(a, b, f"waypoints[{i}]") for a, b, i in pairs])
+    moved, turned = np.linalg.norm(chords, axis=1), np.linalg.norm(turns, axis=1)
+    only_turns = bool(moved.sum() <= 1e-6 and moved.sum() < turned.sum())  # as `Line`
+    return chords, turns, np.maximum(moved, turned if only_turns else METRES_PER_RADIAN * turned), only_turns
+
+
 def _check_returns(d: Array, w: Array, kept: list[int]) -> None:
     """Raise InvalidInput for a corner in whose middle the tool stops: its velocity there is half of d₁ + d₂ and w₁ + w₂."""
-    left = [np.linalg.norm(x[1:] + x[:-1], axis=1) for x in (d, METRES_PER_RADIAN * w)]
-    back = np.flatnonzero(np.maximum(*left) < RETURN)
+    back = _find_returns(d, w)
     if back.size:
         raise InvalidInput(
             f"waypoints[{kept[back[0] + 1]}]",
             "a reversal of the path",
-            "a corner without a stop; end this path here and plan another one back",
+            "a corner without a stop; planners.Program.of(waypoints) stops there",
         )
+
+
+def _find_returns(d: Array, w: Array) -> Indices:
+    """Return the indices of the corners in whose middle the tool stops."""
+    left = [np.linalg.norm(x[1:] + x[:-1], axis=1) for x in (d, METRES_PER_RADIAN * w)]
+    return np.flatnonzero(np.maximum(*left) < RETURN)
+
+
+def find_reversals(waypoints: Array, blend: float, blend_rotation: float) -> list[int]:
+    """Return the indices of the waypoints at which a polyline with these tolerances reverses its direction."""
+    poses = check_waypoints(waypoints)
+    corners = len(poses) - 2
+    kept, _ = _merge_waypoints(
+        poses,
+        _check_tolerances(blend, "blend", "m", corners),
+        _check_tolerances(blend_rotation, "blend_rotation", "rad", corners),
+    )
+    chords, turns, length, _ = _measure_segments(poses[kept], kept)
+    return [kept[i + 1] for i in _find_returns(chords / length[:, None], turns / length[:, None])]
 
 
 def _find_half_widths(chords: Array, turns: Array, length: Array, blend: Array, blend_rotation: Array) -> Array:

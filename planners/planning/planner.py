@@ -61,7 +61,7 @@ class MotionPlanner:
         ended = perf_counter()
         held = q_start is not None
         if not isinstance(path, FreePath | PointToPoint):
-            found = self.time(path, followed, duration)[0]
+            found = self.time(path, followed, duration, path.density)[0]
         elif around:
             found = self._avoid(path, followed, held, duration)
         else:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 from numpy.typing import ArrayLike
 
@@ -14,7 +15,9 @@ from planners.following.collision import CollisionCheck
 from planners.following.follow import DEFAULT_TOLERANCE
 from planners.limits import MotionLimits
 from planners.plan import Plan, PlanStatus
+from planners.program.result import ProgramPlan
 from planners.replan.onward import plan_onward
+from planners.replan.program import replan_program
 from planners.replan.request import build_request
 from planners.replan.state import build_moving_state
 from planners.replan.stop import plan_stop
@@ -70,6 +73,9 @@ def replan(
         A plan without a motion, a state off its path, outside its motion, or at rest; or a law that starts only at rest.
     """
     running = _check_plan(plan, stop, time_limit)
+    if isinstance(plan, ProgramPlan):
+        one = partial(replan, stop=stop, time_limit=time_limit, tolerance=tolerance, rate=rate)
+        return replan_program(plan, state, one, {"timing": timing, "limits": limits, "scene": scene}, stop)
     request = build_request(plan, timing, limits, (Tolerance.of(tolerance), rate, scene))
     start = build_moving_state(plan, running, state)
     if stop and start.still:

@@ -86,8 +86,8 @@ def build_moving_state(
 ) -> MovingState:
     """Return the moving state for a time of the running motion, or for measured values; raise InvalidInput for others."""
     if isinstance(state, tuple | list):
-        given = _check_measured(plan, state)
-        t = _find_nearest_time(running, given)
+        given = check_measured(plan, state)
+        t = find_nearest_time(running, given)
         if t > running.end - BEFORE_END and (given[1].any() or given[2].any()):  # noise hides whether it has ended
             t = max(running.end - BEFORE_END, 0.0)
         own = _state_at(running, t)
@@ -146,7 +146,7 @@ def _state_at(running: Trajectory, t: float) -> State:
     return running(t), running(t, 1), running(t, 2)
 
 
-def _check_measured(plan: Plan, state: tuple[ArrayLike, ArrayLike, ArrayLike] | list[ArrayLike]) -> State:
+def check_measured(plan: Plan, state: tuple[ArrayLike, ArrayLike, ArrayLike] | list[ArrayLike]) -> State:
     n = plan.robot.n
     if len(state) != 3:
         raise InvalidInput("state", f"{len(state)} parts", "a time, or position, velocity and acceleration")
@@ -210,7 +210,7 @@ def _find_clock(plan: Plan, given: State, s: float) -> tuple[float, tuple[float,
     return t, (w, float(v @ (given[2] - running(t, 2) * w * w)) / size)
 
 
-def _find_nearest_time(running: Trajectory, given: State) -> float:
+def find_nearest_time(running: Trajectory, given: State) -> float:
     """Return the time [s] at which the running motion is nearest to a state in q, q̇ and q̈, by damped Gauss–Newton."""
     weights = tuple(OFF_PATH / most for most in _find_tolerances(given))
     aim = np.concatenate([w * x for w, x in zip(weights, given, strict=True)])

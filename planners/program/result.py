@@ -1,0 +1,181 @@
+"""ProgramPlan: the motion of a program with its sections, parts and corners."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property, reduce
+from typing import Any
+
+import numpy as np
+import scipy
+
+from planners.certificate.sections import SectionTimes, find_stops, merge_certificates
+from planners.following.joint_path import JointPath
+from planners.limits import MotionLimits
+from planners.motion import PlanStatus
+from planners.paths.base import Path
+from planners.paths.program import ProgramPath
+from planners.planning.result import Plan, PlanSeconds
+from planners.program.joining import Corner
+from planners.trajectory import Trajectory, append_rest, join, make_rest
+
+
+@dataclass(frozen=True)
+class PartRecord:
+    """A part in the motion of a program.
+
+    Attributes
+    ----------
+    name : str or None
+        Its name.
+    path : Path
+        Its path before corners are rounded.
+    section : int
+        The section that it belongs to.
+    begin, end : float
+        Its place in the path parameter of the whole program.
+    deviation : (2,) tuple of float
+        Proved bounds on distance [m] and angle [rad] between its path and the path of the section, outside of the corners.
+    """
+
+    name: str | None
+    path: Path
+    section: int
+    begin: float
+    end: float
+    deviation: tuple[float, float] = (0.0, 0.0)
+
+    def s_at(self, x: float) -> float:
+        """Return the path parameter of the program at one of the part's own path.
+
+        Parameters
+        ----------
+        x : float
+            In [0, path.end] [m, or rad].
+
+        Returns
+        -------
+        float
+            In [begin, end].
+        """
+        return self.begin + (self.end - self.begin) * x / self.path.end
+
+
+@dataclass(frozen=True, repr=False)
+class ProgramPlan(Plan):
+    """The result of `plan` for a `Program`: a `Plan` of the whole motion, whose `Plan.path` is a `ProgramPath`.
+
+    ``bool(plan)`` is success: every section has a motion with a valid certificate. On failure `Plan.failure` names the part,
+    and s is the position along its own path.
+
+    Attributes
+    ----------
+    sections : tuple of Plan
+        The plans between two stops, in their order; on failure those before it. After `replan`, `covered` are those that move.
+    waits : tuple of float
+        The wait before the first section, and after each [s].
+    parts : tuple of PartRecord
+        The parts, in their order; on failure those that were followed.
+    corners : tuple of Corner
+        The corners between two parts without a wait or a change of the tool between them, stops included.
+    """
+
+    sections: tuple[Plan, ...] = ()
+    waits: tuple[float, ...] = ()
+    parts: tuple[PartRecord, ...] = ()
+    corners: tuple[Corner, ...] = ()
+
+    @property
+    def _title(self) -> str:
+        parts, sections = len(self.parts), len(self.sections)
+        stops = "without a stop" if sections == 1 else f"in {sections} sections"
+        return f"{self.robot.name}, program of {parts} part{'s' * (parts != 1)} {stops}, {self.solver} + {self.law}"
+
+    @property
+    def duration(self) -> float:
+        """Duration of the whole motion [s], waits included."""
+        return self.trajectory.duration
+
+    @property
+    def covered(self) -> range:
+        """The sections that the motion covers: all, unless it is that of `replan`."""
+        assert isinstance(self.path, ProgramPath)
+        return self.path.find_sections((0.0, self.path.end) if self.span is None else self.span)
+
+    @cached_property
+    def times(self) -> tuple[SectionTimes, ...]:
+        """When each section of `covered` begins, when its motion ends, and when the wait after it ends [s]."""
+        assert isinstance(self.path, ProgramPath)
+        return tuple(find_stops(self.path, self.trajectory, self.span))
+
+    @cached_property
+    def joint_path(self) -> JointPath:
+        """The joint paths of all sections one after another; raises `NoSolution` if there is no motion."""
+        self._require_motion()
+        assert isinstance(self.path, ProgramPath)
+        each = [section.joint_path for section in self.sections]
+        knots = np.concatenate(
+            [[0.0], *(a + own.nodes[1:] for a, own in zip(self.path.starts[:-1], each, strict=True))]
+        )
+        joined = object.__new__(JointPath)
+        joined.robot, joined.path, joined.knots, joined.nodes = self.robot, self.path, knots, knots
+        joined._set_polynomial(
+            scipy.interpolate.PPoly(np.concatenate([own.coefficients for own in each], axis=1), knots)
+        )
+        return joined
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain data for files and programs: those of a plan, with the parts and the corners."""
+        out = super().to_dict()
+        if self.failure is not None:
+            out["part"] = self.failure.part
+        parts = [asdict(replace(part, path=part.path.to_dict())) for part in self.parts]  # type: ignore[arg-type]
+        return out | {
+            "waits": list(self.waits),
+            "parts": parts,
+            "corners": [asdict(corner) for corner in self.corners],
+        }
+
+
+def join_sections(sections: Sequence[Plan], waits: Sequence[float]) -> tuple[Trajectory, list[float]]:
+    """Return the motion through sections, with a wait [s] before the first one and after each, and when each begins."""
+    start = np.asarray(sections[0].trajectory(0.0))
+    motion: Trajectory | None = make_rest(start, waits[0]) if waits[0] > 0.0 else None
+    begins = []
+    for section, wait in zip(sections, waits[1:], strict=True):
+        begins.append(0.0 if motion is None else motion.duration)
+        motion = section.trajectory if motion is None else join(motion, section.trajectory)
+        motion = append_rest(motion, wait) if wait > 0.0 else motion
+    assert motion is not None
+    return motion, begins
+
+
+def build_plan(
+    sections: Sequence[Plan], waits: Sequence[float], parts: Sequence[PartRecord], corners: Sequence[Corner],
+    limits: MotionLimits, covered: tuple[range, float] | None = None,
+) -> ProgramPlan:  # fmt: skip
+    """Return the plan of a program from the valid plans of its sections; `covered` are those that move, and the wait before."""
+    which, lead = (range(len(sections)), waits[0]) if covered is None else covered
+    path = ProgramPath([section.path for section in sections], [section.robot for section in sections])
+    moving = [sections[i] for i in which]
+    ended = moving[-1].span is None or moving[-1].span[1] >= moving[-1].path.end
+    trajectory, begins = join_sections(
+        moving, [lead, *(waits[i + 1] for i in which[:-1]), waits[which[-1] + 1] if ended else 0.0]
+    )
+    proof = merge_certificates(
+        sections[0].robot, path.starts[which], trajectory, [p.certificate for p in moving], begins
+    )
+    seconds = reduce(_add_seconds, [section.seconds for section in moving])
+    status = PlanStatus.SOLVED if proof.is_valid else PlanStatus.NOT_PROVED
+    span = None if covered is None else (proof.coverage.wanted[0], proof.coverage.wanted[1])
+    first, last = moving[0], moving[-1]
+    return ProgramPlan(
+        first.robot, path, limits, status, first.solver, first.law, None, None, trajectory, proof,
+        max(section.slowed for section in moving), span, first.speed, first.scene, seconds, first.before, first.start_error,
+        last.stop_kind, sections=tuple(sections), waits=tuple(waits), parts=tuple(parts), corners=tuple(corners),
+    )  # fmt: skip
+
+
+def _add_seconds(a: PlanSeconds, b: PlanSeconds) -> PlanSeconds:
+    return PlanSeconds(*(x + y for x, y in zip(a, b, strict=True)))

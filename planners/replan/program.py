@@ -1,0 +1,99 @@
+"""Replanning of a program: the section that is running, and those behind it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from optik.check import check_number
+from optik.errors import InvalidInput
+from planners.certificate.sections import SectionTimes, cut_between
+from planners.limits import TOOL_SPEEDS, MotionLimits
+from planners.paths.program import ProgramPath
+from planners.plan import Plan, plan
+from planners.program.result import ProgramPlan, build_plan
+from planners.replan.state import BEFORE_END, check_measured, find_nearest_time
+
+AT_END = 1e-9
+"""Fraction of a section's path from its end that counts as its end."""
+
+
+def replan_program(
+    running: ProgramPlan, state: Any, one: Callable[..., Plan], changed: dict[str, Any], stop: bool
+) -> Plan:
+    """Return the motion of a program from a moving state; `one` replans a section, `changed` are the given arguments."""
+    measured, motion = isinstance(state, tuple | list), running.trajectory
+    t = (
+        find_nearest_time(motion, check_measured(running, state))
+        if measured
+        else check_number(state, "state", "a time [s]", least=0.0)
+    )
+    times = running.times
+    k = max(int(np.searchsorted([each.begin for each in times], t, side="right")) - 1, 0)
+    i, sections = running.covered[k], list(running.sections)
+    section, left = _as_running(running, i, times[k]), times[k].end - t
+    whole = section.span is None or section.span[1] >= section.path.end * (1.0 - AT_END)
+    onward = range(i + 1, len(sections))
+    if whole and onward and t >= times[k].rest - BEFORE_END:
+        if stop:
+            raise InvalidInput(
+                "state", f"a state at rest, at t = {t:.6g} s", "a moving state; this one has already stopped"
+            )
+        covered = onward
+    else:
+        sections[i] = one(section, state if measured else t - times[k].begin, **_for_section(changed, section))
+        if not sections[i]:
+            return sections[i]
+        covered, left = range(i, i + 1) if stop else range(i, len(sections)), 0.0
+    if not stop and any(value is not None for value in changed.values()):
+        for j in onward:
+            sections[j] = _plan_again(sections[j], _for_section(changed, sections[j]))
+            if not sections[j]:
+                return sections[j]
+    limits = running.limits if changed["limits"] is None else changed["limits"]
+    return build_plan(sections, running.waits, running.parts, running.corners, limits, (covered, max(left, 0.0)))
+
+
+def _as_running(running: ProgramPlan, i: int, when: SectionTimes) -> Plan:
+    """Return the plan of a section as it is running, with what the plan of the program requires of it."""
+    section, path = running.sections[i], running.path
+    assert isinstance(path, ProgramPath)
+    own, motion = section.trajectory, cut_between(running.trajectory, when.begin, when.rest)
+    if (
+        own.knots.shape != motion.knots.shape or np.abs(own.knots - motion.knots).max() > BEFORE_END
+    ):  # slowed, or stopped
+        span = None
+        if running.span is not None:
+            a, b = (float(np.clip(s - path.starts[i], 0.0, section.path.end)) for s in running.span)
+            span = a, b
+        moved = replace(section.motion, trajectory=motion, span=span, before=None)
+        section = replace(section, _trajectory=motion, _certificate=moved.certify(), span=span, before=None)
+    proof = replace(section.certificate, enforced=running.certificate.enforced)
+    return replace(section, _certificate=proof, scene=running.scene)
+
+
+def _for_section(changed: dict[str, Any], section: Plan) -> dict[str, Any]:
+    """Return the changed arguments for a section: its tool speeds stay, if they are the lesser ones."""
+    limits = changed["limits"]
+    if limits is None:
+        return changed
+    own: dict[str, Any] = {}
+    for name in TOOL_SPEEDS:
+        given = [x for x in (limits.value(name), section.limits.value(name)) if x is not None]
+        own[name] = np.minimum(*given) if len(given) == 2 else given[0] if given else None
+    assert isinstance(limits, MotionLimits)
+    return changed | {"limits": replace(limits, **own)}
+
+
+def _plan_again(section: Plan, changed: dict[str, Any]) -> Plan:
+    """Return a section from rest to rest under changed arguments."""
+    timing = changed["timing"] or section.law
+    assert section.certificate.tolerance is not None
+    return plan(
+        section.robot, section.path, None if section.path.in_joints else section.joint_path(0.0),
+        solver=section.solver, timing=timing, limits=changed["limits"] or section.limits,
+        tolerance=section.certificate.tolerance, scene=changed["scene"] or section.scene,
+    )  # fmt: skip
