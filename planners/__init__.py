@@ -8,6 +8,7 @@ from planners.following.follow import follow
 from planners.limits import MotionLimits
 from planners.limits.moveit import load_limits
 from planners.motion import Motion
+from planners.motion.event import Event
 from planners.paths import Path, make_path, paths
 from planners.paths.arc import Arc
 from planners.paths.free_path import free
@@ -16,6 +17,7 @@ from planners.paths.line import Line
 from planners.paths.point_to_point import PointToPoint, ViaPoint
 from planners.paths.polyline import Polyline
 from planners.plan import Plan, PlanStatus, plan
+from planners.program.events import PathEvent, PeriodicEvent, TimedEvent
 from planners.program.parts import Dwell, Move, Part, Program, ToolChange
 from planners.program.result import ProgramPlan
 from planners.replan import replan
@@ -28,6 +30,7 @@ __all__ = [
     "Arc",
     "Certificate",
     "Dwell",
+    "Event",
     "JointLine",
     "Line",
     "Motion",
@@ -35,6 +38,8 @@ __all__ = [
     "Move",
     "Part",
     "Path",
+    "PathEvent",
+    "PeriodicEvent",
     "Plan",
     "PlanStatus",
     "PointToPoint",
@@ -44,6 +49,7 @@ __all__ = [
     "SearchResult",
     "SearchStatus",
     "TimeLaw",
+    "TimedEvent",
     "ToolChange",
     "Trajectory",
     "ViaPoint",

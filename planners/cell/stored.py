@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from optik.errors import InvalidInput, NoSolution
 from optik.ik import get_solver
 from planners.certificate.certificate import check_valid
+from planners.certificate.sections import cut_between, find_stops, limits_of_parts
 from planners.certificate.violation import Allow
 from planners.following.failure import joint_unit
 from planners.following.follow import DEFAULT_TOLERANCE, JointPath, follow
 from planners.motion import Motion
+from planners.paths.program import ProgramPath
 from planners.planning.planner import PATH_FRACTION
 from planners.planning.request import judge_certificate
 from planners.planning.result import Plan
+from planners.program.events import TimedEvent
+from planners.program.result import ProgramPlan, build_plan
 
 SAME_WAY = 1e-4
 """Largest distance of the motion from the joint path that is found for it [rad, m]: both follow the tool's path to 1e-5, and
@@ -57,6 +63,8 @@ def restore_plan(motion: Motion, *, solver: str = "lm", allow: Allow = ()) -> Pl
         raise InvalidInput("motion", got, "a motion from the start of its path")
     proof = motion.certify()
     check_valid(proof, allow, "the certificate of this motion is not valid: ", "another law, or lower limits")
+    if isinstance(motion.path, ProgramPath):
+        return _plan_sections(motion, motion.path, solver, allow)
     joints, t, s = _follow_path(motion, solver), proof.t, proof.s
     off = np.abs(joints(np.clip(s, 0.0, joints.end)) - motion.trajectory(t))
     if off.max() > SAME_WAY:
@@ -83,3 +91,18 @@ def _follow_path(motion: Motion, solver: str) -> JointPath:
         )
     assert found.joint_path is not None
     return found.joint_path
+
+
+def _plan_sections(motion: Motion, path: ProgramPath, solver: str, allow: Allow) -> ProgramPlan:
+    """Return the plan of a program's motion from the plans of its sections; its events keep their times."""
+    times, sections = find_stops(path, motion.trajectory, motion.span), []
+    for i, (begin, rest, _) in enumerate(times):
+        limits = limits_of_parts(motion.limits, path.firsts[i], path.firsts[i + 1])
+        own = replace(
+            motion, robot=path.robots[i], path=path.sections[i], limits=limits, events=(),
+            trajectory=cut_between(motion.trajectory, begin, rest), span=None,
+        )  # fmt: skip
+        sections.append(restore_plan(own, solver=solver, allow=allow))
+    waits = [0.0, *(time.end - time.rest for time in times)]
+    events = tuple(TimedEvent(event.t, event.signal, event.value) for event in motion.events)
+    return replace(build_plan(sections, waits, (), (), motion.limits), scheduled=events)

@@ -76,8 +76,8 @@ def find_stops(path: ProgramPath, trajectory: Trajectory, span: tuple[float, flo
 
 
 def cut_between(trajectory: Trajectory, begin: float, end: float) -> Trajectory:
-    """Return the part of a motion between two times."""
-    part = trajectory if end == trajectory.end else cut_after(trajectory, end)
+    """Return the part of a motion between two times, without path parameters: they count from another start."""
+    part = trajectory.without_s if end == trajectory.end else cut_after(trajectory, end)
     return cut_before(part, begin) if begin > 0.0 else part
 
 
@@ -97,7 +97,8 @@ def merge_certificates(
     parts = [LimitedPart(part.motion, t + part.begin, part.limits) for p, t, _ in shift for part in p.parts]
     margins = position_margins(robot, trajectory)
     return replace(
-        first, duration=trajectory.duration, tolerance=max(tolerances, key=lambda each: each.position, default=None), position_margin=margins, t_position_margin=position_times(robot, trajectory),
+        first, duration=trajectory.duration, tolerance=max(tolerances, key=lambda each: each.position, default=None),
+        position_margin=margins, t_position_margin=position_times(robot, trajectory),
         path_error=_merge_errors([p.path_error for p in proofs], begins),
         t=trajectory.knots, s=_merge_places(trajectory, shift),
         coverage=_merge_coverage([p.coverage for p in proofs], begins, starts),

@@ -19,6 +19,7 @@ from optik.scene import Scene
 from optik.types import Array
 from planners.limits import MotionLimits
 from planners.motion import Motion
+from planners.motion.event import events_to_plain, read_events
 from planners.paths import path_of
 from planners.trajectory import Trajectory
 
@@ -26,7 +27,7 @@ CONTENT = "optik-motion/2"
 """Value of the key ``format`` in every motion file; a change of the keys needs another number."""
 HEADER = ("format", "robot", "path", "limits", "law", "enforced", "tolerance")
 """Keys that every motion file has, beside the knots and coefficients."""
-OPTIONAL = ("span", "speed", "scene", "before")
+OPTIONAL = ("span", "speed", "scene", "before", "events")
 """Keys that a file has only if the motion has them."""
 HIGHEST_DEGREE = 5
 """Trajectories are piecewise polynomials of at most this degree."""
@@ -136,6 +137,8 @@ def to_parts(motion: Motion) -> Parts:
         header["scene"] = motion.scene.to_dict()
     if motion.before is not None:
         header["before"] = [motion.before[0].to_plain(), motion.before[1]]
+    if motion.events:
+        header["events"] = events_to_plain(motion.events)
     return Parts(header, motion.trajectory.knots, motion.trajectory.coefficients)
 
 
@@ -158,6 +161,7 @@ def from_parts(parts: Parts, digest: Any) -> Motion:
         None if header.get("speed") is None else float(read_numbers(header["speed"], (), "speed")),
         None if header.get("scene") is None else Scene.from_dict(header["scene"]),
         _before(header.get("before"), robot.n),
+        read_events(header.get("events", [])),
     )
 
 

@@ -19,6 +19,7 @@ from planners.certificate.checks import check_span
 from planners.certificate.violation import ALLOWANCES, Allow, check_allow
 from planners.following.failure import FollowStatus
 from planners.limits import ALL_LIMITS, MotionLimits, check_path
+from planners.motion.event import Event
 from planners.paths.base import Path
 from planners.trajectory import Trajectory
 
@@ -71,6 +72,8 @@ class Motion:
         Obstacles for an arm with shapes, and the margin to them.
     before : (2,) tuple, optional
         Limits that replace ``limits`` until a time [s].
+    events : tuple of Event
+        Signals at instants of the motion.
 
     Raises
     ------
@@ -89,6 +92,7 @@ class Motion:
     speed: float | None = None
     scene: Scene | None = None
     before: tuple[MotionLimits, float] | None = None
+    events: tuple[Event, ...] = ()
 
     def __post_init__(self) -> None:
         kinds = {"robot": Robot, "path": Path, "limits": MotionLimits, "trajectory": Trajectory, "law": str}

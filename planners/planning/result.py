@@ -22,6 +22,7 @@ from planners.following.follow import JointPath, PlanFailure
 from planners.limits import MotionLimits
 from planners.limits.least_duration import compute_least_duration
 from planners.motion import Motion, PlanStatus
+from planners.motion.event import Event, events_to_plain
 from planners.motion.plot import motion_card, plot_motion
 from planners.motion.show import show_motion
 from planners.paths.base import Path
@@ -201,6 +202,11 @@ class Plan:
         return compute_least_duration(self.goal - self.trajectory(0.0), self.limits)
 
     @property
+    def events(self) -> tuple[Event, ...]:
+        """The events of the motion: none, except in the plan of a program (`ProgramPlan.schedule`)."""
+        return ()
+
+    @property
     def goal(self) -> Array:
         """Configuration (n,) in which the motion ends [rad, m], of several goals, the one taken."""
         return np.asarray(self.trajectory(self.trajectory.duration))
@@ -237,6 +243,7 @@ class Plan:
             "stop_kind": self.stop_kind,
             "joint_names": list(self.robot.joint_names),
             "goal": self.goal.tolist(),
+            "events": events_to_plain(self.events),
             "knots": {"t": t.tolist(), **{k: motion(t, i).tolist() for i, k in enumerate(("q", "dq", "ddq"))}},
             "coefficients": motion.coefficients.tolist(),
             "certificate": self.certificate.to_dict(),
@@ -248,7 +255,7 @@ class Plan:
         proof = self.certificate
         return Motion(
             self.robot, self.path, self.limits, self.trajectory, self.law, proof.enforced, proof.tolerance, self.span,
-            self.speed, self.scene, self.before,
+            self.speed, self.scene, self.before, self.events,
         )  # fmt: skip
 
     def save(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property, reduce
 from typing import Any
@@ -10,13 +10,26 @@ from typing import Any
 import numpy as np
 import scipy
 
+from optik.check import check_number
+from optik.errors import InvalidInput
 from planners.certificate.sections import SectionTimes, find_stops, merge_certificates
 from planners.following.joint_path import JointPath
 from planners.limits import MotionLimits
 from planners.motion import PlanStatus
+from planners.motion.event import Event
 from planners.paths.base import Path
-from planners.paths.program import ProgramPath
+from planners.paths.program import SAME_PLACE, ProgramPath
 from planners.planning.result import Plan, PlanSeconds
+from planners.program.events import (
+    PathEvent,
+    PeriodicEvent,
+    Scheduled,
+    TimedEvent,
+    find_part,
+    find_time,
+    list_places,
+    round_to_periods,
+)
 from planners.program.joining import Corner
 from planners.trajectory import Trajectory, append_rest, join, make_rest
 
@@ -79,12 +92,83 @@ class ProgramPlan(Plan):
         The parts, in their order; on failure those that were followed.
     corners : tuple of Corner
         The corners between two parts without a wait or a change of the tool between them, stops included.
+    scheduled : tuple of PathEvent, PeriodicEvent and TimedEvent
+        What `schedule` was given.
+    period : float or None
+        The servo period of `schedule` [s].
     """
 
     sections: tuple[Plan, ...] = ()
     waits: tuple[float, ...] = ()
     parts: tuple[PartRecord, ...] = ()
     corners: tuple[Corner, ...] = ()
+    scheduled: tuple[Scheduled, ...] = ()
+    period: float | None = None
+
+    def schedule(self, events: Iterable[Scheduled], *, period: float | None = None) -> ProgramPlan:
+        """Return the plan with events, whose times are in `events`. They are computed from this plan's motion.
+
+        A place inside a rounded corner moves with it: the ends of the corner keep their place, and the end of the part before
+        is the point of the corner nearest to the programmed one. `replan` keeps the events whose place is still ahead.
+
+        Parameters
+        ----------
+        events : sequence of PathEvent, PeriodicEvent and TimedEvent
+            The events; they replace those that the plan has.
+        period : float, optional
+            Servo period [s]: times are rounded to whole periods, and `Event.shift` states by how much.
+
+        Returns
+        -------
+        ProgramPlan
+            The same motion with events.
+
+        Raises
+        ------
+        InvalidInput
+            An unknown part, a place outside it, a distance along a part in joint space, or a time outside the motion.
+        NoSolution
+            The plan failed: there is no motion.
+        """
+        given = tuple(events)
+        for event in given:
+            if not isinstance(event, PathEvent | PeriodicEvent | TimedEvent):
+                raise InvalidInput("events", repr(event)[:60], "PathEvent, PeriodicEvent and TimedEvent")
+        if period is not None:
+            check_number(period, "period", "a servo period above 0 [s]", above=0.0)
+        found = replace(self, scheduled=given, period=period)
+        for one in found._list_events():
+            if not 0.0 <= one.t <= self.duration:
+                allowed = f"times in [0, {self.duration:.6g}]"
+                raise InvalidInput("events", f"{one.signal!r} at t = {one.t:.6g} s", allowed)
+        return found
+
+    @cached_property
+    def events(self) -> tuple[Event, ...]:
+        """The events in their order in time; those of places that the motion does not cover are left out."""
+        inside = [event for event in self._list_events() if 0.0 <= event.t <= self.duration]
+        return round_to_periods(inside, self.period)
+
+    def _list_events(self) -> list[Event]:
+        """Return the events at the places that the motion covers, in the order in which they were given."""
+        assert isinstance(self.path, ProgramPath)
+        first, last = (0.0, self.path.end) if self.span is None else self.span
+        found = []
+        for spec in self.scheduled:
+            if isinstance(spec, TimedEvent):
+                found.append(Event(spec.t, spec.signal, spec.value))
+                continue
+            section = self.parts[find_part(self.parts, spec.part)].section
+            places = list_places(self.parts, self.corners, self.path, spec)
+            if section not in self.covered:
+                continue
+            joints, start = self.sections[section].joint_path, float(self.path.starts[section])
+            when, before = self.times[self.covered.index(section)], getattr(spec, "before", 0.0)
+            for s in places:
+                if first <= s + SAME_PLACE * self.path.end and s <= last + SAME_PLACE * self.path.end:
+                    t = find_time(self, joints, start, s, when) - before
+                    found.append(Event(t, spec.signal, spec.value, s, before))
+        return found
 
     @property
     def _title(self) -> str:
@@ -145,7 +229,8 @@ def join_sections(sections: Sequence[Plan], waits: Sequence[float]) -> tuple[Tra
     begins = []
     for section, wait in zip(sections, waits[1:], strict=True):
         begins.append(0.0 if motion is None else motion.duration)
-        motion = section.trajectory if motion is None else join(motion, section.trajectory)
+        own = section.trajectory.without_s  # they begin at the section's start
+        motion = own if motion is None else join(motion, own)
         motion = append_rest(motion, wait) if wait > 0.0 else motion
     assert motion is not None
     return motion, begins

@@ -10,10 +10,11 @@ import numpy as np
 
 from optik.check import check_number
 from optik.errors import InvalidInput
-from planners.certificate.sections import SectionTimes, cut_between
+from planners.certificate.sections import SectionTimes, cut_between, limits_of_parts
 from planners.limits import TOOL_SPEEDS, MotionLimits
 from planners.paths.program import ProgramPath
 from planners.plan import Plan, plan
+from planners.program.events import Scheduled, TimedEvent
 from planners.program.result import ProgramPlan, build_plan
 from planners.replan.state import BEFORE_END, check_measured, find_nearest_time
 
@@ -37,6 +38,7 @@ def replan_program(
     section, left = _as_running(running, i, times[k]), times[k].end - t
     whole = section.span is None or section.span[1] >= section.path.end * (1.0 - AT_END)
     onward = range(i + 1, len(sections))
+    limits = running.limits if changed["limits"] is None else _merge_limits(running, changed["limits"])
     if whole and onward and t >= times[k].rest - BEFORE_END:
         if stop:
             raise InvalidInput(
@@ -44,17 +46,25 @@ def replan_program(
             )
         covered = onward
     else:
-        sections[i] = one(section, state if measured else t - times[k].begin, **_for_section(changed, section))
+        sections[i] = one(
+            section, state if measured else t - times[k].begin, **_for_section(running, i, limits, changed)
+        )
         if not sections[i]:
             return sections[i]
         covered, left = range(i, i + 1) if stop else range(i, len(sections)), 0.0
     if not stop and any(value is not None for value in changed.values()):
         for j in onward:
-            sections[j] = _plan_again(sections[j], _for_section(changed, sections[j]))
+            sections[j] = _plan_again(sections[j], _for_section(running, j, limits, changed))
             if not sections[j]:
                 return sections[j]
-    limits = running.limits if changed["limits"] is None else changed["limits"]
-    return build_plan(sections, running.waits, running.parts, running.corners, limits, (covered, max(left, 0.0)))
+    found = build_plan(sections, running.waits, running.parts, running.corners, limits, (covered, max(left, 0.0)))
+    ahead = [replace(e, t=e.t - t) if isinstance(e, TimedEvent) else e for e in running.scheduled if _is_ahead(e, t)]
+    return replace(found, scheduled=tuple(ahead), period=running.period)
+
+
+def _is_ahead(event: Scheduled, t: float) -> bool:
+    """Return whether an event may still come after a time [s]."""
+    return not isinstance(event, TimedEvent) or event.t >= t
 
 
 def _as_running(running: ProgramPlan, i: int, when: SectionTimes) -> Plan:
@@ -75,17 +85,20 @@ def _as_running(running: ProgramPlan, i: int, when: SectionTimes) -> Plan:
     return replace(section, _certificate=proof, scene=running.scene)
 
 
-def _for_section(changed: dict[str, Any], section: Plan) -> dict[str, Any]:
-    """Return the changed arguments for a section: its tool speeds stay, if they are the lesser ones."""
-    limits = changed["limits"]
-    if limits is None:
-        return changed
+def _merge_limits(running: ProgramPlan, limits: MotionLimits) -> MotionLimits:
+    """Return new limits of a program: the tool speeds of its parts stay, where they are the lesser ones."""
     own: dict[str, Any] = {}
     for name in TOOL_SPEEDS:
-        given = [x for x in (limits.value(name), section.limits.value(name)) if x is not None]
+        given = [x for x in (limits.value(name), running.limits.value(name)) if x is not None]
         own[name] = np.minimum(*given) if len(given) == 2 else given[0] if given else None
-    assert isinstance(limits, MotionLimits)
-    return changed | {"limits": replace(limits, **own)}
+    return replace(limits, **own)
+
+
+def _for_section(running: ProgramPlan, i: int, limits: MotionLimits, changed: dict[str, Any]) -> dict[str, Any]:
+    """Return the changed arguments for a section."""
+    assert isinstance(running.path, ProgramPath)
+    first, last = running.path.firsts[i : i + 2]
+    return changed if changed["limits"] is None else changed | {"limits": limits_of_parts(limits, first, last)}
 
 
 def _plan_again(section: Plan, changed: dict[str, Any]) -> Plan:

@@ -147,6 +147,7 @@ def _state_at(running: Trajectory, t: float) -> State:
 
 
 def check_measured(plan: Plan, state: tuple[ArrayLike, ArrayLike, ArrayLike] | list[ArrayLike]) -> State:
+    """Return the measured q, q̇ and q̈; raise InvalidInput for other shapes, NaN or infinity."""
     n = plan.robot.n
     if len(state) != 3:
         raise InvalidInput("state", f"{len(state)} parts", "a time, or position, velocity and acceleration")

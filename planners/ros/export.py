@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
+from pathlib import Path as FilePath
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,6 +24,7 @@ from planners.certificate.violation import Allow, required_limits
 from planners.following.failure import joint_unit
 from planners.limits import DERIVATIVES
 from planners.motion import HasMotion, Motion, get_motion
+from planners.motion.event import events_to_plain
 from planners.ros.message import Form, quoted, to_text
 from planners.ros.pace import ADVICE, WHOLE_PERIOD, at_rest, find_judged_limits, fit_pace
 from planners.trajectory import Trajectory
@@ -119,6 +122,11 @@ def to_ros(
     _check_start(motion, start, tolerance, find_columns(motion.robot, joint_names))
     text = to_text(message, suffix, _remarks(motion, rate, sent))
     write_atomically(file, lambda part: part.write_text(text, encoding="utf-8"))
+    if motion.events:
+        events = json.dumps(events_to_plain([event.slowed(sent.factor) for event in motion.events]), indent=1)
+        write_atomically(
+            FilePath(file).with_suffix(".events.json"), lambda part: part.write_text(events, encoding="utf-8")
+        )
     return sent
 
 

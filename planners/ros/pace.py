@@ -12,9 +12,11 @@ from optik.errors import InvalidInput, NoSolution
 from optik.scene.messages import NANOSECONDS
 from optik.types import Array
 from planners.certificate.analysis import MotionAnalysis
+from planners.certificate.sections import find_stops
 from planners.limits import SAME_SPEED
 from planners.motion import Motion
 from planners.motion.fit import stretch_factor
+from planners.paths.program import ProgramPath
 from planners.ros.message import Form, Times, message_of, reconstruct
 from planners.trajectory import Trajectory, append_rest
 from planners.trajectory.controller import POINTS, count_derivatives
@@ -35,6 +37,9 @@ def fit_pace(motion: Motion, form: Form, rate: float | None, strict: bool) -> tu
     between = np.empty(0)
     if motion.speed is not None and rate is not None:
         source, between = _hold_to_period(source, rate), source.knots
+    if isinstance(motion.path, ProgramPath) and rate is not None:  # the arm rests at its stops only if points are there
+        stops = find_stops(motion.path, source, motion.span)[:-1]
+        between = np.union1d(between, [t for stop in stops for t in (stop.rest, stop.end)])
     factor, margin = 1.0, 1e-12
     for _ in range(SLOWINGS):
         message = message_of(*_set_pace(source, rate, factor, between), form)
@@ -97,7 +102,7 @@ def _set_pace(trajectory: Trajectory, rate: float | None, factor: float, between
             raise InvalidInput("rate", f"{rate:.9g}, {periods} points", f"at most {POINTS} points")
         times = np.rint(np.arange(periods + 1) * NANOSECONDS / rate).astype(np.int64)
         if between.size:
-            more = np.rint(between * factor * NANOSECONDS).astype(np.int64)
+            more = np.rint(between * (times[-1] / trajectory.duration)).astype(np.int64)
             near = np.abs(times[1:-1, None] - more).min(axis=1) < NEAR_KNOT * NANOSECONDS / rate
             times = np.unique(np.concatenate([times[:1], times[1:-1][~near], times[-1:], more]))
     if (np.diff(times) <= 0).any():

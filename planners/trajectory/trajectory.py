@@ -118,6 +118,11 @@ class Trajectory(PiecewiseCurve):
         """Number of joints."""
         return int(self._c.shape[2])
 
+    @property
+    def without_s(self) -> Trajectory:
+        """The same motion without path parameters, for another path."""
+        return self if self.s is None else Trajectory(self._polynomial)
+
     def sample(self, rate: float) -> tuple[Array, Array]:
         """Return the motion at a rate and at its end.
 

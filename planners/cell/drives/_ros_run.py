@@ -13,7 +13,7 @@ from optik.scene.messages import NANOSECONDS
 from optik.types import Array
 from planners.cell.drives._checks import RESUME_ADVICE
 from planners.cell.drives._ros_goals import Stops
-from planners.cell.drives._run import EncoderMonitor
+from planners.cell.drives._run import EncoderMonitor, EventQueue
 from planners.cell.drives.base import Drive, Execution, ExecutionStatus, Fault, FaultKind, Moment, Watcher
 from planners.cell.drives.setpoints import Setpoints
 from planners.following.failure import joint_unit
@@ -63,7 +63,7 @@ class RosRun:
 
     def __post_init__(self) -> None:
         self.robot, self.transport = self.drive.robot, self.joints.transport
-        self.motion = self.plan.trajectory
+        self.motion, self.events = self.plan.trajectory, EventQueue(self.plan)
         self.record = MotionRecord(self.joints)
         self.ended = 0.0  # time of the motion at which the goal ended or was given up [s]
         self._stop_stamp = 0  # instant of the stop on the controller's clock [ns]
@@ -131,9 +131,10 @@ class RosRun:
     def _look(self, watch: Watcher | None) -> None:
         """Record what is heard; stop if joint states no longer arrive, or no longer change."""
         (q, _, _, at), new = self.record.listen(self.goal, self.motion)
-        if new and watch is not None:
-            t = max(self.record.now, 0.0)
-            watch(Moment(t, self.motion(min(t, self.motion.end)), q.copy(), q.copy()))
+        t = max(self.record.now, 0.0)
+        events = self.events.raise_until(t) if self.record.begun is not None else ()
+        if (new or events) and watch is not None:
+            watch(Moment(t, self.motion(min(t, self.motion.end)), q.copy(), q.copy(), events))
         begun = self.record.begun is not None
         if begun and not (self._stopping or self.transport.lost or self.goal.ended):
             self._check_encoders(q, at)
@@ -181,6 +182,7 @@ class RosRun:
         if self._wait_for_acceptance(goal, stop.t + CONFIRMED + self.record.trips[1]):
             self.goal, self.stop, self._stop_stamp = goal, stop.plan, stamp
             self.motion = join(cut_after(self.motion, stop.t), stop.plan.trajectory)
+            self.events.replace_after(stop.t, stop.plan)
             return
         self.transport.cancel(goal)
         self._cancel(f"the controller did not accept the stop{f': {goal.refused}' if goal.refused else ''}")
@@ -286,5 +288,5 @@ class RosRun:
         return Execution(
             self.drive.name, self.robot, status, reason, advice, self.plan, self.stop,
             self.motion if sent else None, stream if sent else None,
-            t, q, dq, None, q[:count], fault=self.fault, notes=self.notes,
+            t, q, dq, None, q[:count], fault=self.fault, notes=self.notes, events=tuple(self.events.raised),
         )  # fmt: skip

@@ -11,8 +11,28 @@ from optik.types import Array
 from planners.cell.drives._stop import ends_at_goal, is_at_rest, plan_hold, plan_stop
 from planners.cell.drives.base import Fault
 from planners.cell.drives.setpoints import Setpoints, make_setpoints
+from planners.motion.event import Event
 from planners.plan import Plan, PlanStatus
 from planners.trajectory import Trajectory, cut_after, join
+
+
+class EventQueue:
+    """The events of a plan while it is executed: those that came, and those that have not come yet."""
+
+    def __init__(self, plan: Plan) -> None:
+        self.waiting, self.raised = list(plan.events), list[Event]()
+
+    def raise_until(self, t: float) -> tuple[Event, ...]:
+        """Return the events that come until a time [s] and have not come yet."""
+        come = tuple(event for event in self.waiting if event.t <= t)
+        self.waiting = self.waiting[len(come) :]
+        self.raised += come
+        return come
+
+    def replace_after(self, t: float, stop: Plan) -> None:
+        """Replace the events after a time [s] by those of the stop that begins there."""
+        kept = [event for event in self.waiting if event.t <= t]
+        self.waiting = kept + [event._replace(t=event.t + t) for event in stop.events]
 
 
 class EncoderMonitor:
@@ -89,11 +109,15 @@ class DriveRun:
     notes: list[str] = field(default_factory=list)
     encoders: EncoderMonitor = field(default_factory=EncoderMonitor)
     allow: tuple[str, ...] = ()  # permitted violations of the plan and of its stop
+    events: EventQueue = field(init=False)
     t: list[Array] = field(default_factory=list)
     q: list[Array] = field(default_factory=list)
     dq: list[Array] = field(default_factory=list)
     torque: list[Array] = field(default_factory=list)
     measured: list[Array] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.events = EventQueue(self.plan)
 
     @property
     def last(self) -> int:
@@ -127,6 +151,7 @@ class DriveRun:
                 return
             self.notes.append(f"{why}; it was sent anyway, because of the fault")
         self.stop = found
+        self.events.replace_after(t, found)
         self.motion = join(cut_after(self.motion, t), found.trajectory) if tick else found.trajectory
         self.stream = make_setpoints(self.motion, self.stream.period)
         if ends_at_goal(found):

@@ -163,8 +163,9 @@ class SimulatedDrive(Drive):
             self.clock = since + t
             reading = self.measure()
             run.measured.append(reading)
+            events = run.events.raise_until(t)
             if watch is not None:
-                watch(Moment(t, run.stream.q[min(k, run.last)].copy(), reading.copy(), self._actual().copy()))
+                watch(Moment(t, run.stream.q[min(k, run.last)].copy(), reading.copy(), self._actual().copy(), events))
             if k >= run.last + self._held_ticks() and self._comes_to_rest(run, k, reading):
                 break
             _checks.judge(run, k, reading, self.options, self.robot)
@@ -231,5 +232,5 @@ class SimulatedDrive(Drive):
             self.name, self.robot, status, reason, advice, run.plan, run.stop, run.motion, run.stream,
             np.concatenate(run.t), np.concatenate(run.q), np.concatenate(run.dq),
             np.concatenate(run.torque) if run.torque else None, np.array(run.measured),
-            run.late, run.fault, (*self._remarks(), *run.notes),
+            run.late, run.fault, (*self._remarks(), *run.notes), events=tuple(run.events.raised),
         )  # fmt: skip

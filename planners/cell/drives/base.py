@@ -16,6 +16,7 @@ from optik.registry import ClassName
 from optik.types import Array
 from planners.cell.drives.setpoints import Setpoints
 from planners.certificate.violation import Allow
+from planners.motion.event import Event
 from planners.plan import Plan
 from planners.trajectory import Trajectory
 
@@ -62,13 +63,14 @@ class Moment(NamedTuple):
     """The state of an execution at one tick, for a watcher.
 
     ``t`` is the time since its start [s]; the configurations are (n,) [rad, m]. The actual configuration is that of the
-    simulated plant; on a real arm it is the measured one.
+    simulated plant; on a real arm it is the measured one. ``events`` are those since the tick before.
     """
 
     t: float
     setpoint: Array
     measured: Array
     actual: Array
+    events: tuple[Event, ...] = ()
 
 
 StopRequest = float | Callable[[float], bool]
@@ -117,6 +119,8 @@ class Execution:
         Remarks for the reader: defaults used for unknown values, and what the drive does not guarantee.
     before : Execution or None
         After `Drive.resume`, the motion back to the path, if the arm was off it.
+    events : tuple of Event
+        The events of the plan that came.
     """
 
     drive: str
@@ -137,6 +141,7 @@ class Execution:
     fault: Fault | None = None
     notes: tuple[str, ...] = field(default=())
     before: Execution | None = None
+    events: tuple[Event, ...] = ()
 
     def __bool__(self) -> bool:
         return self.status is ExecutionStatus.DONE
