@@ -19,9 +19,9 @@ from optik.types import Array
 from planners.choice.choose import Choice, choice_for
 from planners.following.follow import follow
 from planners.limits import DERIVATIVES, MotionLimits
+from planners.paths.control_curve import DEGREE
 from planners.paths.free_path import FreePath
 from planners.paths.point_to_point import PointToPoint
-from planners.paths.spline import DEGREE
 from planners.timing.base import refit
 from planners.timing.optimal import Optimal
 from planners.trajectory import Trajectory

@@ -16,9 +16,9 @@ from planners.choice.clearances import ClearanceLimits, NearPairs, bodies_of, pa
 from planners.choice.columns import joint_changes
 from planners.choice.programme import FreeProgramme
 from planners.choice.solve import solve
+from planners.paths.control_curve import DEGREE
 from planners.paths.free_path import FreePath
 from planners.paths.point_to_point import PointToPoint
-from planners.paths.spline import DEGREE
 
 NEAR_ROOM, NEAREST_PAIRS = 0.12, 4
 """Clearance [m] below which the first round limits pairs on the initial path, and how many at each grid point."""

@@ -18,9 +18,9 @@ from planners.choice.solve import LEAST_P_DAMPING, Bounds, FreeSolution, solve
 from planners.choice.vias import ViaLimits, pass_through
 from planners.following.joint_path import JointPath
 from planners.paths.base import Path
+from planners.paths.control_curve import Basis
 from planners.paths.free_path import CoordinateRange, FreePath, NullSpace
 from planners.paths.point_to_point import PointToPoint
-from planners.paths.spline import Basis
 from planners.timing.interior_point.newton import Iterate
 from planners.timing.optimal import Optimum
 from planners.trajectory import Trajectory

@@ -23,7 +23,7 @@ from optik.scene.contact import (
 )
 from optik.types import Array, Flags, Indices
 from planners.choice.programme import ChoicePlace, Statics
-from planners.paths.spline import DEGREE, Basis
+from planners.paths.control_curve import DEGREE, Basis
 
 ROOM_BEND = 0.05
 """Clearance x [m] at which the constraint value 1 − 2 x / (x + ROOM_BEND) is 0: it is −1 far away, and 1 without clearance."""

@@ -16,8 +16,8 @@ from planners.limits.base import middle_and_half, sides
 from planners.limits.kinds import torque_rate_rows, torque_rows
 from planners.limits.motion_limits import tool_limits_at
 from planners.paths.base import Path
+from planners.paths.control_curve import DEGREE, Basis
 from planners.paths.screws import move_along
-from planners.paths.spline import DEGREE, Basis
 from planners.timing.interior_point.border import Border, make_border
 from planners.timing.interior_point.newton import Problem
 from planners.timing.interior_point.programme import SHORTEST_INTERVAL, TimingProblem

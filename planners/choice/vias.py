@@ -8,9 +8,9 @@ from optik import se3
 from optik.arm.robot import Robot
 from optik.types import Array, Indices
 from planners.choice.programme import ChoicePlace, Statics
+from planners.paths.control_curve import DEGREE, PASSED
 from planners.paths.point_to_point import PointToPoint, Via
 from planners.paths.poses import skew_vector
-from planners.paths.spline import DEGREE, PASSED
 
 EXACT_WITHIN = 1e-6
 """Half width of the limits on each joint at a via configuration that is passed exactly [rad, m]; the residual is removed."""

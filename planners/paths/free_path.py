@@ -16,8 +16,8 @@ from optik.types import Array, Indices
 from planners.freedom import Freedom, freedom_of, loaded_freedom
 from planners.freedom.base import Bounds
 from planners.paths.base import Path, fields
+from planners.paths.control_curve import DEGREE, ControlCurve
 from planners.paths.screws import move_along
-from planners.paths.spline import DEGREE, ControlCurve
 from planners.trajectory.curve import BINOMIAL, bells
 
 FEWEST_COEFFICIENTS, PER_SEGMENT = 8, 3

@@ -24,8 +24,8 @@ from optik.tables import Names, read_table, warn_of_assumptions
 from optik.types import Array, Flags
 from planners.paths.base import Path, check_arm, fields
 from planners.paths.configurations import MISSED, choose_configurations
+from planners.paths.control_curve import ControlCurve
 from planners.paths.joint_bounds import tool_bounds, tool_twists
-from planners.paths.spline import ControlCurve
 from planners.paths.waypoints import LEAST_VIA_TOLERANCE, read_joint_waypoints
 
 SPANS_DIRECT, SPANS_PER_LEG = 4, (3, 6)

@@ -131,7 +131,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "planners/paths/free_path.py": (*FREEDOM, "tests/planners/test_free_path.py"),
     "planners/paths/point_to_point.py": (*POINTS, FREEDOM[1]),
     "planners/paths/configurations.py": ("tests/planners/test_configurations.py", *POINTS),
-    "planners/paths/spline.py": (*POINTS, *FREEDOM[::-1]),
+    "planners/paths/control_curve.py": (*POINTS, *FREEDOM[::-1]),
     "planners/paths/screws.py": FREEDOM[::-1],
     "planners/paths/poses.py": (FREEDOM[1], *PATHS),
     "planners/paths/waypoints.py": ("tests/planners/test_waypoints.py",),
