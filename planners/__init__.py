@@ -16,6 +16,7 @@ from planners.paths.joint_line import JointLine
 from planners.paths.line import Line
 from planners.paths.point_to_point import PointToPoint, ViaPoint
 from planners.paths.polyline import Polyline
+from planners.paths.spline import Spline
 from planners.plan import Plan, PlanStatus, plan
 from planners.program.events import PathEvent, PeriodicEvent, TimedEvent
 from planners.program.parts import Dwell, Move, Part, Program, ToolChange
@@ -48,6 +49,7 @@ __all__ = [
     "ProgramPlan",
     "SearchResult",
     "SearchStatus",
+    "Spline",
     "TimeLaw",
     "TimedEvent",
     "ToolChange",

@@ -62,13 +62,14 @@ def angle_about(axis: Array, R: Array) -> Array:
 
 def rotation_derivative_norms(w: Array, w1: Array, w2: Array) -> Array:
     """Return the norms of R', R'', R''' by R' = ω×R and the product rule; R itself has norm 1."""
-    A, A1, A2 = (_skew(v) for v in (w, w1, w2))
+    A, A1, A2 = (skew(v) for v in (w, w1, w2))
     second = A1 + A @ A
     third = A2 + 2.0 * A1 @ A + A @ A1 + A @ A @ A
     return np.stack([np.linalg.norm(M, ord=2, axis=(1, 2)) for M in (A, second, third)], axis=1)
 
 
-def _skew(w: Array) -> Array:
+def skew(w: Array) -> Array:
+    """Return the matrices S (k, 3, 3) with S x = w × x."""
     out = np.zeros((len(w), 3, 3))
     out[:, 2, 1], out[:, 0, 2], out[:, 1, 0] = w.T
     return out - np.swapaxes(out, 1, 2)

@@ -71,7 +71,7 @@ def read_waypoints(table: TextTable, orientation: ArrayLike | None, robot: Robot
         free = f"{','.join(turned)}, which leave the rotation about the axis free"
         what = f"the file has {free if turned else 'no columns of an orientation'}"
         raise InvalidInput("orientation", "None", f"a rotation (3, 3) of the tool, because {what}")
-    return _read_poses(table, turned, _check_rotation(np.eye(3) if orientation is None else orientation), robot)
+    return _read_poses(table, turned, check_rotation(np.eye(3) if orientation is None else orientation), robot)
 
 
 def read_joint_waypoints(robot: Robot, table: TextTable, unit: str | None) -> list[JointWaypoint]:
@@ -166,7 +166,8 @@ def _read_poses(table: TextTable, turned: tuple[str, ...], first: Array, robot: 
     return np.stack([se3.pose(R, x) for R, x in zip(_read_rotations(table, turned, values, first), p, strict=True)])
 
 
-def _check_rotation(orientation: ArrayLike) -> Array:
+def check_rotation(orientation: ArrayLike) -> Array:
+    """Return a rotation (3, 3) of the tool, exact to rounding."""
     R = real_array(orientation, "orientation", "a rotation (3, 3)")
     if R.shape != (3, 3):
         raise InvalidInput("orientation", f"shape {R.shape}", "a rotation (3, 3)")

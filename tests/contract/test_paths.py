@@ -16,7 +16,7 @@ from optik.errors import InvalidInput, UnknownName
 from optik.ik import make_solver
 from optik.registry import load_method, short_name
 from optik.types import Array
-from planners import Arc, JointLine, Line, Path, PointToPoint, Polyline, ViaPoint, follow, free, make_path, plan
+from planners import Arc, JointLine, Line, Path, PointToPoint, Polyline, Spline, ViaPoint, follow, free, make_path, plan
 from planners.paths import path_of
 from tests import oracles
 from tests.contract import test_plans
@@ -78,6 +78,25 @@ def _polylines() -> dict[str, Path]:
             [reached((0, 0, 0), w) for w in ((0, 0, 0), (3.0, 0, 0), (3.0, 0.3, 2.0))], blend_rotation=9.0
         ),
         "nearly back": Polyline([reached((0, 0, 0)), reached((-0.1, 0, 0.05)), reached((0, 1e-3, 0))], blend=5e-3),
+    }
+
+
+def _splines() -> dict[str, Path]:
+    """Near noisy points, through few points and a closed loop, with and without turns."""
+    rng, t = np.random.default_rng(20261125), np.linspace(0.0, 1.0, 60)
+    wave = np.stack([-0.1 * t, 0.04 * np.sin(5.0 * t), 0.08 * t], axis=1)
+    turns = np.stack([0.3 * t, 0.2 * np.sin(4.0 * t), 0.1 * t * t], axis=1)
+    ring = 0.04 * np.stack([np.cos(2.0 * np.pi * t) - 1.0, np.sin(2.0 * np.pi * t), 0.0 * t], axis=1)
+    noisy = wave + 1e-4 * rng.normal(size=wave.shape)
+    start = reached((0, 0, 0))
+    return {
+        "near points": Spline(start[:3, 3] + noisy - noisy[0], orientation=start[:3, :3], tolerance=(5e-4, 1e-3)),
+        "near poses": Spline(
+            [reached(p, w) for p, w in zip(noisy - noisy[0], turns, strict=True)], tolerance=(5e-4, 5e-3)
+        ),
+        "through poses": Spline([reached(p, w) for p, w in zip(wave[::10], turns[::10], strict=True)], tolerance=0),
+        "a loop": Spline([reached(p) for p in ring]),
+        "turns far": Spline([reached(p, (0, 0, 7.0 * x)) for p, x in zip(wave, t, strict=True)]),
     }
 
 
@@ -144,6 +163,7 @@ def examples() -> dict[str, dict[str, Path]]:
         "line": _lines(),
         "point_to_point": _moves(),
         "polyline": _polylines(),
+        "spline": _splines(),
     }
     return ours | {short_name(file): _plugin(file) for file in outside("planners.paths")}
 
@@ -351,6 +371,7 @@ TIGHT = {
     "polyline": (1.0 + 1e-9, 1.6, 3.0, 3.5),
     "joint_line": (1.3, 1.3, 2.0, np.inf),
     "point_to_point": (1.3, 1.3, 2.0, np.inf),
+    "spline": (1.1, 1.2, 1.3, 3.0),
     "free_path": (2.5, 2.5, 3.0, 4.0),  # the sums of the bounds of all turns
 }
 """How much above the truth the bounds on the derivatives may be, order by order."""
@@ -379,7 +400,7 @@ def test_the_nearest_place_to_a_pose_of_the_path_is_where_it_is(name: str, kind:
     found = path.nearest(path(s))
     assert found.shape == s.shape
     np.testing.assert_allclose(path(found), path(s), rtol=0.0, atol=1e-8)
-    if kind != "to a goal":  # other paths pass each place once
+    if kind not in ("to a goal", "a loop"):  # other paths pass each place once
         np.testing.assert_allclose(found, s, rtol=0.0, atol=1e-8 * path.end)
 
 
@@ -473,5 +494,5 @@ def test_the_path_in_the_documentation_keeps_the_contract() -> None:
 @pytest.mark.parametrize(("name", "kind"), CASES, ids=[f"{n}, {k}" for n, k in CASES])
 def test_a_path_says_whether_the_tool_only_turns(name: str, kind: str) -> None:
     path = examples()[name][kind]
-    assert path.turns_only == (kind in ("turns", "turns only", "turns far"))
+    assert path.turns_only == (name != "spline" and kind in ("turns", "turns only", "turns far"))
     assert not path.turns_only or path.unit == "rad"
