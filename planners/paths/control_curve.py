@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
+from optik.arm.plain import read_numbers
 from optik.compiled import compiled
+from optik.errors import InvalidInput
 from optik.types import Array, Indices
 
 DEGREE = 5
 """Degree of the splines: their fourth derivatives are continuous, so that the jerk of a motion along them is."""
+SPAN_SAMPLES = 24
+"""Samples of each span for the bounds on derivatives; between them a bound grows by half their distance times the next one."""
 PASSED = 1e-13
 """Largest distance from a value that a spline takes [as its unit]: rounding."""
 
@@ -73,6 +77,11 @@ class ControlCurve:
         inner = np.linspace(0.0, end, count - DEGREE + 1)[1:-1] if inner is None else inner
         self.end, self.count = end, len(inner) + DEGREE + 1
         self.knots: Array = np.concatenate([np.zeros(DEGREE + 1), inner, np.full(DEGREE + 1, end)])
+
+    @classmethod
+    def between(cls, breaks: Array) -> Self:
+        """Return the knots of spans between increasing parameters from 0."""
+        return cls(float(breaks[-1]), 0, breaks[1:-1])
 
     @cached_property
     def breaks(self) -> Array:
@@ -153,3 +162,13 @@ class ControlCurve:
                 free = free[inside]
                 out[free, j] += np.linalg.lstsq(A[:, free], values[:, j] - A @ out[:, j], rcond=None)[0]
         return out
+
+
+def read_breaks(data: Any) -> Array:
+    """Return the knots (k,) of plain data."""
+    if not isinstance(data, list) or len(data) < 2:
+        raise InvalidInput("knots", repr(data)[:60], "a list of at least two numbers")
+    at = read_numbers(data, (len(data),), "knots")
+    if not (np.diff(at) > 0.0).all() or at[0] != 0.0:
+        raise InvalidInput("knots", repr(data)[:60], "increasing numbers from 0")
+    return at

@@ -24,7 +24,7 @@ from optik.tables import Names, read_table, warn_of_assumptions
 from optik.types import Array, Flags
 from planners.paths.base import Path, check_arm, fields
 from planners.paths.configurations import MISSED, choose_configurations
-from planners.paths.control_curve import ControlCurve
+from planners.paths.control_curve import SPAN_SAMPLES, ControlCurve, read_breaks
 from planners.paths.joint_bounds import tool_bounds, tool_twists
 from planners.paths.waypoints import LEAST_VIA_TOLERANCE, read_joint_waypoints
 
@@ -35,8 +35,6 @@ SHORTEST_LEG = 1e-6
 """Shortest distance between two configurations of the path [rad, m]."""
 STRAIGHT_RATE = 1e-12
 """Largest difference of q' from that of a straight line [1]: rounding."""
-SPAN_SAMPLES = 24
-"""Samples of each span for the bounds on derivatives; between them a bound grows by half their distance times the next one."""
 
 
 class ViaPoint:
@@ -352,13 +350,10 @@ class PointToPoint(Path):
             raise InvalidInput("robot", repr(robot)[:60], f"the arm {name}, because the path is in joint space")
         if robot.fingerprint != fingerprint:
             raise InvalidInput("robot", f"{robot!r} ({robot.fingerprint})", f"the arm {name} ({fingerprint})")
-        if not isinstance(knots, list) or len(knots) < 2 or not isinstance(vias, list):
-            raise InvalidInput("knots", repr(knots)[:60], "a list of at least two numbers, and a list of vias")
-        at = read_numbers(knots, (len(knots),), "knots")
-        if not (np.diff(at) > 0.0).all() or at[0] != 0.0:
-            raise InvalidInput("knots", repr(knots)[:60], "increasing numbers from 0")
+        if not isinstance(vias, list):
+            raise InvalidInput("vias", repr(vias)[:60], "a list of vias")
         path = object.__new__(cls)
-        path.robot, path.spline = robot, ControlCurve(float(at[-1]), 0, at[1:-1])
+        path.robot, path.spline = robot, ControlCurve.between(read_breaks(knots))
         path.unit = "m" if robot.prismatic.all() else "rad"
         path.coefficients = read_numbers(coefficients, (path.spline.count, robot.n), "coefficients")
         path.vias = tuple(_read_via(via, robot.n) for via in vias)

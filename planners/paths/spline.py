@@ -22,21 +22,21 @@ from optik.ik.base import ToleranceLike
 from optik.tables import Names, read_table, warn_of_assumptions
 from optik.types import Array
 from planners.paths.base import Path, fields
-from planners.paths.control_curve import DEGREE, ControlCurve
-from planners.paths.poses import HALF_TURN, make_poses, rotation_derivative_norms, shortest_turn, skew
+from planners.paths.control_curve import DEGREE, SPAN_SAMPLES, ControlCurve, read_breaks
+from planners.paths.poses import HALF_TURN, divide, make_poses, rotation_derivative_norms, shortest_turn, skew
 from planners.paths.waypoints import check_rotation, check_waypoints, read_waypoints
 from planners.trajectory.curve import BINOMIAL, bells
 
-SHORTEST, SAME_POINT, SAME_TURN = 1e-6, 1e-9, 1e-9
-"""Least size of the points [m], the distance over it below which two are the same, and the angle [rad] of the same rotation."""
-SPAN_SAMPLES, ARC_SAMPLES, FINE_SAMPLES = 12, 16, 2000
-"""Samples of each span for the bounds on derivatives, for the length of the curve, and where the tool point is slow."""
-LEAST_SMOOTHING, LEAST_BEND = 1e-7, 1e-3
-"""Weight of the third derivative of a fit, beside 1 for each point, and that of the second beside it: they decide in gaps."""
-SMOOTHINGS, HALVINGS = (-26.0, 0.0), 12
-"""Decades of the smoothing, over the number of points times the fifth power of the length, and halvings of their range."""
-ROUNDS, REFINEMENTS, SPANS_PER_POINT, NARROWEST = 60, 2, 4, 1e-9
-"""Most rounds in which knots are added, changes of s to the length of the curve, most spans, and least width of one over s."""
+SHORTEST, SAME = 1e-6, 1e-9
+"""Least size of the points [m]; distance over that size, and angle [rad], within which a point repeats the one before."""
+ARC_SAMPLES, SLOW_SAMPLES = 16, 2000
+"""Samples of each span for the length of the curve, and where the tool point is slow."""
+LEAST_WEIGHT, LEAST_BEND = 1e-7, 1e-3
+"""Weight of h⁵ ∫ |p'''|² ds of spans of length h, beside 1 for a point, and of h³ ∫ |p''|² ds over it: they act in gaps."""
+WEIGHTS, HALVINGS = (-26.0, 0.0), 12
+"""Decades of the weight of ∫ |p'''|² ds, over the number of points and the length to the fifth, and halvings of them."""
+ROUNDS, MOST_SPANS, REFINEMENTS = 40, 2, 2
+"""Most rounds in which knots are added, most spans for each point, and changes of s to the length of the curve."""
 ROUNDING = 1e-12
 """Relative rounding error of a sample."""
 SLOWER, ROUGH = 0.5, 0.25
@@ -53,71 +53,57 @@ class _Curve(NamedTuple):
     u: Array
 
     def at(self, s: Array) -> Array:
-        """Return values and derivatives (k, 4, 7)."""
-        return self.knots.basis(s).combine(self.coefficients)
+        """Return values and derivatives (4, k, 7)."""
+        return np.moveaxis(self.knots.basis(s).combine(self.coefficients), 1, 0)
 
     def errors(self, values: Array) -> Array:
         """Return the distances and angles (k, 2) of the points from the places of their parameters."""
-        there = self.at(self.u)[:, 0]
+        there = self.at(self.u)[0]
         return np.stack([np.linalg.norm((values - there)[:, :3], axis=1), _angles(values, there)], axis=1)
 
     def project(self, values: Array) -> _Curve:
         """Return the curve with the parameters of nearer places, by a step of Newton's method."""
-        p, v = np.moveaxis(self.at(self.u)[:, :2, :3], 1, 0)
-        rest = values[:, :3] - p
-        far = np.linalg.norm(rest, axis=1)
-        step = (rest * v).sum(axis=1) / np.maximum((v * v).sum(axis=1), np.finfo(float).tiny)
+        p, v = self.at(self.u)[:2, :, :3]
+        far = np.linalg.norm(values[:, :3] - p, axis=1)
+        step = ((values[:, :3] - p) * v).sum(axis=1) / np.maximum((v * v).sum(axis=1), np.finfo(float).tiny)
         u = np.clip(self.u + np.clip(step, -far, far), 0.0, self.knots.end)
-        near = np.linalg.norm(values[:, :3] - self.at(u)[:, 0, :3], axis=1) < far
-        near[[0, -1]] = False
+        near = np.linalg.norm(values[:, :3] - self.at(u)[0, :, :3], axis=1) < far
         return self._replace(u=np.where(near, u, self.u))
 
     def lengths(self) -> tuple[Array, Array, float]:
         """Return the length of the curve up to each point (k,) and each knot, and the least |dp/ds|."""
-        breaks, n = self.knots.breaks, ARC_SAMPLES
-        width = np.repeat(np.diff(breaks) / n, n)
-        start = np.repeat(breaks[:-1], n) + width * np.tile(np.arange(n), breaks.size - 1)
-        rate = np.linalg.norm(self.at(start + 0.5 * width)[:, 1, :3], axis=1)
-        start, total = np.append(start, breaks[-1]), np.append(0.0, np.cumsum(rate * width))
-        return np.interp(self.u, start, total), np.interp(breaks, start, total), float(rate.min())
+        s = divide(self.knots.breaks, np.full(self.knots.breaks.size - 1, ARC_SAMPLES))
+        rate = np.linalg.norm(self.at(0.5 * (s[1:] + s[:-1]))[1, :, :3], axis=1)
+        total = np.append(0.0, np.cumsum(rate * np.diff(s)))
+        return np.interp(self.u, s, total), np.interp(self.knots.breaks, s, total), float(rate.min())
 
 
 class _Fit:
-    """The normal equations of a least-squares spline through points, exact at both ends; banded."""
+    """The normal equations of a least-squares spline through points, exact at both ends."""
 
     def __init__(self, breaks: Array, u: Array, values: Array) -> None:
-        self.knots, self.u, self.values = ControlCurve(float(breaks[-1]), 0, breaks[1:-1]), u, values
+        self.knots, self.u, self.values = ControlCurve.between(breaks), u, values
         A = self._rows(u, 0)
-        least = LEAST_SMOOTHING * (self._roughness(3, 5) + LEAST_BEND * self._roughness(2, 3))
-        self.parts = [self._split(A.T @ A + least), self._split(self._roughness(3, 0))]
-        self.right = (A.T @ values)[1:-1]
+        self.normal, self.right, self.third = A.T @ A, A.T @ values, self._roughness(3, 0)
+        self.normal += LEAST_WEIGHT * (self._roughness(3, 5) + LEAST_BEND * self._roughness(2, 3))
 
-    def solve(self, smoothing: float = 0.0) -> _Curve:
+    def solve(self, weight: float = 0.0) -> _Curve:
         """Return the spline with this weight of ∫ |p'''|² ds."""
-        (band, ends), (more, others) = self.parts
-        right = self.right - ends - smoothing * others
-        inner = scipy.linalg.solveh_banded(band + smoothing * more, right, lower=True, check_finite=False)
-        return _Curve(self.knots, np.concatenate([self.values[:1], inner, self.values[-1:]]), self.u)
+        H, ends = (self.normal + weight * self.third).tocsc()[1:-1], self.values[[0, -1]]
+        inner = scipy.sparse.linalg.spsolve(H[:, 1:-1], self.right[1:-1] - H[:, [0, -1]] @ ends)
+        return _Curve(self.knots, np.concatenate([ends[:1], inner, ends[1:]]), self.u)
 
     def _rows(self, s: Array, order: int) -> Any:
+        """Return the sparse matrix of a derivative of the basis functions at points."""
         first, values = self.knots.basis(s)
-        columns = first[:, None] + np.arange(DEGREE + 1)
-        size, shape = values[:, order], (s.size, self.knots.count)
-        return scipy.sparse.csr_array((size.ravel(), columns.ravel(), np.arange(0, size.size + 1, DEGREE + 1)), shape)
+        columns, starts = first[:, None] + np.arange(DEGREE + 1), np.arange(s.size + 1) * (DEGREE + 1)
+        return scipy.sparse.csr_array((values[:, order].ravel(), columns.ravel(), starts), (s.size, self.knots.count))
 
     def _roughness(self, order: int, power: int) -> Any:
-        """Return the matrix of ∫ |f⁽ᵐ⁾|² hⁿ ds over spans of width h; by Gauss's rule, exact for the third derivative."""
-        x, weights = np.polynomial.legendre.leggauss(3)
-        h = np.diff(self.knots.breaks)[:, None]
+        """Return the matrix of ∫ |f⁽ᵐ⁾|² hⁿ ds over spans of length h, by Gauss's rule; exact for m = 3."""
+        (x, weights), h = np.polynomial.legendre.leggauss(3), np.diff(self.knots.breaks)[:, None]
         A = self._rows((self.knots.breaks[:-1, None] + 0.5 * h * (1.0 + x)).ravel(), order)
         return A.T @ (A * (0.5 * weights * h ** (1 + power)).reshape(-1, 1))
-
-    def _split(self, H: Any) -> tuple[Array, Array]:
-        """Return the lower band of a matrix without its ends, and what its ends times the ends of the curve give."""
-        H, ends = H.tocsr()[1:-1, 1:-1], H.tocsr()[1:-1][:, [0, -1]] @ self.values[[0, -1]]
-        return np.stack(
-            [np.pad(H.diagonal(-d), (0, min(d, H.shape[0]))) for d in range(min(DEGREE + 1, H.shape[0]))]
-        ), ends
 
 
 class Spline(Path):
@@ -154,23 +140,16 @@ class Spline(Path):
     notes: tuple[str, ...] = ()
 
     def __init__(
-        self,
-        points: ArrayLike,
-        *,
-        orientation: ArrayLike | None = None,
-        tolerance: ToleranceLike | float = (1e-4, 1e-3),
-    ) -> None:
-        values = _check_points(points, orientation)
-        allowed = _check_tolerance(tolerance)
-        curve = (_approximate(values, allowed) if allowed.any() and len(values) > 2 else None) or _interpolate(
-            values, allowed
-        )
+        self, points: ArrayLike, *, orientation: ArrayLike | None = None, tolerance: ToleranceLike | float = (1e-4, 1e-3)
+    ) -> None:  # fmt: skip
+        values, allowed = _check_points(points, orientation), _check_tolerance(tolerance)
+        approximate = allowed.any() and len(values) > 2
+        curve = (_approximate(values, allowed) if approximate else None) or _interpolate(values, allowed)
         if not np.ptp(values[:, 3:], axis=0).any():
             curve.coefficients[:, 3:] = values[0, 3:]  # the bounds would count rounding errors as a turn
-        self._knots, self._coefficients = curve.knots, curve.coefficients
-        self._check(curve.u)
-        position, rotation = curve.errors(values).max(axis=0).tolist()
-        self.deviation = (position, rotation)
+        self.deviation: list[float] = curve.errors(values).max(axis=0).tolist()
+        self._curve = curve
+        self._check()
 
     @classmethod
     def from_csv(
@@ -184,10 +163,12 @@ class Spline(Path):
         ----------
         file : str or path
             The table, as for `Polyline.from_csv`.
-        orientation, robot, unit, columns, ignore
-            As of `Polyline.from_csv`.
+        orientation : (3, 3) array, optional
+            As of `Polyline.from_csv` [1].
         tolerance : Tolerance, (2,) tuple of float, or 0
             As of `Spline`.
+        robot, unit, columns, ignore
+            As of `Polyline.from_csv`.
 
         Returns
         -------
@@ -212,23 +193,21 @@ class Spline(Path):
     @property
     def end(self) -> float:
         """Nearly the length of the curve [m]."""
-        return self._knots.end
+        return self._curve.knots.end
 
     @property
     def breaks(self) -> Array:
         """Knots of the spline."""
-        return self._knots.breaks
+        return self._curve.knots.breaks
 
     def _evaluate(self, x: Array, order: int) -> Array:
-        z = np.moveaxis(self._knots.basis(x).combine(self._coefficients), 1, 0)
+        z = self._curve.at(x)
         p, q = z[order, :, :3], z[:, :, 3:]
+        N, W = _turn(q)
         if order:
-            N, W = _turn(q)
             return np.concatenate([p, _divide(W[:order], N)[-1]], axis=1)
         S = skew(q[0, :, 1:])
-        return make_poses(
-            np.eye(3) + 2.0 / (q[0] * q[0]).sum(axis=1)[:, None, None] * (q[0, :, :1, None] * S + S @ S), p
-        )
+        return make_poses(np.eye(3) + 2.0 / N[0][:, None] * (q[0, :, :1, None] * S + S @ S), p)
 
     def piece_bounds(self) -> Array:
         """Return bounds (pieces, 2, 4) on the derivatives of position and rotation."""
@@ -243,78 +222,67 @@ class Spline(Path):
         """Bounds (pieces, 2, 4) on derivatives, and lower bounds (pieces, 2) on |dp/ds| and on the quaternion's square."""
         # The control points bound the fourth derivative. A lower one is at most its largest sample, plus half the distance of
         # the samples times the bound above it. N and W are those of `_turn`, with N⁽⁴⁾ and W''' by the product rule.
-        width = np.diff(self.breaks)
-        half, pieces = 0.5 * width / SPAN_SAMPLES, (width.size, SPAN_SAMPLES + 1)
-        s = self.breaks[:-1, None] + width[:, None] * np.linspace(0.0, 1.0, SPAN_SAMPLES + 1)
-        z = np.moveaxis(self._knots.basis(s.ravel()).combine(self._coefficients), 1, 0)
+        spans = self.breaks.size - 1
+        half = 0.5 * np.diff(self.breaks) / SPAN_SAMPLES
+        u = np.arange(SPAN_SAMPLES + 1) / SPAN_SAMPLES
+        z = self._curve.at((self.breaks[:-1, None] + np.diff(self.breaks)[:, None] * u).ravel())
 
         def below(samples: Sequence[Array], highest: Array) -> list[Array]:
-            """Return bounds (pieces,) on the norms of ascending orders, from samples and the bound on the highest."""
-            found = [highest]
+            found = [(1.0 + ROUNDING) * highest]
             for each in reversed(samples):
-                size = np.linalg.norm(each.reshape(s.size, -1), axis=1).reshape(pieces).max(axis=1)
+                size = np.linalg.norm(each.reshape(spans, u.size, -1), axis=2).max(axis=1)
                 found.insert(0, (1.0 + ROUNDING) * size + half * found[0])
             return found
 
-        def above(size: Array, slope: Array) -> Array:
-            return np.asarray((1.0 - ROUNDING) * size.reshape(pieces).min(axis=1) - half * slope)
+        def derivatives(part: slice) -> list[Array]:
+            size = np.linalg.norm(self._curve.knots.control_points(self._curve.coefficients[:, part], 4), axis=1)
+            return below([*z[:, :, part]], np.maximum(size[:-1], size[1:]))
 
-        def of_part(part: slice) -> list[Array]:
-            """Return bounds (pieces,) on the derivatives of orders 0 to 4 of a part of the spline."""
-            size = np.linalg.norm(self._knots.control_points(self._coefficients[:, part], 4), axis=1)
-            return below([*z[:, :, part]], (1.0 + ROUNDING) * np.maximum(size[:-1], size[1:]))
-
-        p, a = of_part(slice(0, 3)), of_part(slice(3, 7))
+        p, a = derivatives(slice(0, 3)), derivatives(slice(3, 7))
         N, W = _turn(z[:, :, 3:])
         n = below(N[1:], 2.0 * (a[0] * a[4] + 4.0 * a[1] * a[3] + 3.0 * a[2] ** 2))
         w = below(W, 2.0 * (a[0] * a[4] + 2.0 * a[1] * a[3]))
-        lowest = np.stack([above(np.linalg.norm(z[1, :, :3], axis=1), p[2]), above(N[0], n[0])], axis=1)
+        least = np.stack([np.linalg.norm(z[1, :, :3], axis=1), N[0][:, 0]]).reshape(2, spans, -1).min(axis=2)
+        least = (1.0 - ROUNDING) * least - half * np.stack([p[2], n[0]])
         with np.errstate(all="ignore"):  # where the quaternion may vanish: such a path is refused
-            turning, omega = _divide(w, [lowest[:, 1], *(-each for each in n)]), _divide(W, N)
-            turning[:3] = np.minimum(turning, below(omega, turning[3]))[:3]
-            bell = np.empty((width.size, 5))
-            bells(np.stack([np.zeros(width.size), *turning], axis=1), bell)
+            turning, omega = np.stack(_divide(w, [least[1], *(-each for each in n)])), _divide(W, N)
+            turning = np.minimum(turning, below(omega, turning[3]))
+            bell = np.empty((spans, 5))
+            bells(np.stack([np.zeros(spans), *turning], axis=1), bell)
             rotation = np.minimum(bell[:, 1:].T, below([*rotation_derivative_norms(*omega).T], bell[:, 4]))
-        return np.stack([np.stack(p[1:]), rotation]).transpose(2, 0, 1), lowest
+        return np.stack([np.stack(p[1:]), rotation]).transpose(2, 0, 1), least.T
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain data for files."""
         return {
-            "path": self.name, "knots": self.breaks.tolist(), "coefficients": self._coefficients.tolist(),
-            "deviation": list(self.deviation),
+            "path": self.name, "knots": self.breaks.tolist(), "coefficients": self._curve.coefficients.tolist(),
+            "deviation": self.deviation,
         }  # fmt: skip
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any], robot: Robot | None = None) -> Self:
         """Return the curve that `to_dict` wrote."""
-        knots, coefficients, deviation = fields(data, cls.name, "knots", "coefficients", "deviation")
-        at = read_numbers(knots, (len(knots) if isinstance(knots, list) else 2,), "knots")
-        if at.size < 2 or at[0] != 0.0 or not (np.diff(at) > 0.0).all():
-            raise InvalidInput("knots", repr(knots)[:60], "at least two increasing numbers from 0")
-        path = object.__new__(cls)
-        path._knots = ControlCurve(float(at[-1]), 0, at[1:-1])
-        path._coefficients = read_numbers(coefficients, (path._knots.count, 7), "coefficients")
-        position, rotation = read_numbers(deviation, (2,), "deviation").tolist()
-        path.deviation = (position, rotation)
+        breaks, coefficients, deviation = fields(data, cls.name, "knots", "coefficients", "deviation")
+        path, knots = object.__new__(cls), ControlCurve.between(read_breaks(breaks))
+        path._curve = _Curve(knots, read_numbers(coefficients, (knots.count, 7), "coefficients"), np.empty(0))
+        path.deviation = read_numbers(deviation, (2,), "deviation").tolist()
         path._check()
         return path
 
-    def _check(self, u: Array | None = None) -> None:
+    def _check(self) -> None:
         """Raise InvalidInput unless the tool point is proved to move everywhere, and the quaternion not to vanish."""
-        bounds, lowest = self._bounds
-        for piece, which in np.argwhere(~(lowest > 0.0)):
-            s = np.linspace(self.breaks[piece], self.breaks[piece + 1], FINE_SAMPLES + 1)
-            rate = np.linalg.norm(self._evaluate(s, 1)[:, :3], axis=1)
-            if which == 0 and rate.min() > (s[1] - s[0]) * bounds[piece, 0, 1]:
+        bounds, least = self._bounds
+        for piece, turns in np.argwhere(~(least > 0.0)):
+            s = np.linspace(self.breaks[piece], self.breaks[piece + 1], SLOW_SAMPLES + 1)
+            rate = np.linalg.norm(self._curve.at(s)[1, :, :3], axis=1)
+            if not turns and rate.min() > (s[1] - s[0]) * bounds[piece, 0, 1]:
                 continue
-            at = float(s[rate.argmin()])
-            place = "coefficients" if u is None else f"points[{int(np.abs(u - at).argmin())}]"
-            got = ("a tool point that nearly stops", "turns that are too large for a smooth curve")[which]
-            expected = ("a path without reversals", "smaller turns from one point to the next")[which]
-            advice = ("end the path where it reverses; for noisy points a larger tolerance=", "add points between")[
-                which
-            ]
-            raise InvalidInput(place, f"{got}, near s = {at:.6g} m", expected, advice=advice)
+            i = int(np.abs(self._curve.u - s[rate.argmin()]).argmin()) if self._curve.u.size else None
+            got = "turns too large for a smooth curve" if turns else "a tool point that nearly stops"
+            raise InvalidInput(
+                "coefficients" if i is None else f"points[{i}]", got, "a path without reversals and large turns",
+                advice="a larger tolerance= for noisy points; add points to a turn; end the path where it reverses",
+            )  # fmt: skip
 
 
 def _turn(q: Array) -> tuple[list[Array], list[Array]]:
@@ -344,23 +312,15 @@ def _divide(W: Sequence[Array], N: Sequence[Array]) -> list[Array]:
 
 def _check_points(points: ArrayLike, orientation: ArrayLike | None) -> Array:
     """Return positions and quaternions (k, 7), each with the sign that is nearer to the one before."""
-    expected = "points (k, 3) or poses (k, 4, 4), at least two"
-    given = real_array(points, "points", expected)
-    if given.shape[1:] not in ((3,), (4, 4)) or len(given) < 2:
-        raise InvalidInput("points", f"shape {given.shape}", expected)
-    if given.ndim == 3:
-        if orientation is not None:
-            raise InvalidInput("orientation", "a rotation", "None, because the poses have their own")
-        poses = check_waypoints(given, "points")
-    else:
-        for i in np.flatnonzero(~np.isfinite(given).all(axis=1))[:1]:
-            raise InvalidInput(f"points[{i}]", "NaN or infinity", "finite numbers")
-        if orientation is None:
-            raise InvalidInput("orientation", "None", "a rotation (3, 3) of the tool, because points have none")
-        poses = make_poses(check_rotation(orientation), given)
+    given = real_array(points, "points", "points (k, 3) or poses (k, 4, 4)")
+    if given.ndim == 2 and given.shape[1] == 3:
+        given = make_poses(check_rotation(orientation), given)
+    elif orientation is not None:
+        raise InvalidInput("orientation", "a rotation", "None, because the poses have their own")
+    poses = check_waypoints(given, "points")
     p, q = poses[:, :3, 3], np.array([se3.quaternion(T[:3, :3]) for T in poses])
     if not _size(p) > SHORTEST:
-        expected = f"points of a size above {SHORTEST:g} m; a Line or a Polyline turns the tool at a point"
+        expected = f"more than {SHORTEST:g} m; a Line or a Polyline turns the tool at a point"
         raise InvalidInput("points", f"a size of {_size(p):.3g} m", expected)
     cosine = (q[1:] * q[:-1]).sum(axis=1)
     for i in np.flatnonzero(np.abs(cosine) < HALF_TURN):  # the cosine of half the angle
@@ -398,7 +358,7 @@ def _measure_chords(p: Array, apart: float) -> tuple[Array, list[int]]:
         if np.linalg.norm(p[i] - p[kept[-1]]) > apart:
             kept.append(i)
     if kept[-1] != len(p) - 1:  # the end is exact
-        while len(kept) > 1 and np.linalg.norm(p[-1] - p[kept[-1]]) <= SAME_POINT * _size(p):
+        while len(kept) > 1 and np.linalg.norm(p[-1] - p[kept[-1]]) <= SAME * _size(p):
             kept.pop()
         kept.append(len(p) - 1)
     chords = np.diff(p[kept], axis=0)
@@ -409,8 +369,8 @@ def _measure_chords(p: Array, apart: float) -> tuple[Array, list[int]]:
 
 
 def _approximate(values: Array, tolerance: Array) -> _Curve | None:
-    """Return a smooth curve within the tolerance of all points; None if that needs too many knots."""
-    # chords between points that are nearer would count noise as length, and waiting points as a path
+    """Return a smooth curve within the tolerance of all points; None if knots do not bring it there."""
+    # chords between nearer points would count noise as length, and waiting as moving
     u, _ = _measure_chords(values[:, :3], min(2.0 * tolerance[0], 0.25 * _size(values[:, :3])))
     breaks, left = np.array([0.0, u[-1]]), REFINEMENTS
     for _ in range(ROUNDS):
@@ -419,8 +379,8 @@ def _approximate(values: Array, tolerance: Array) -> _Curve | None:
         if far.any():
             span = np.unique(np.searchsorted(breaks[1:-1], curve.u[far], side="right"))
             breaks = np.sort(np.append(breaks, 0.5 * (breaks[span] + breaks[span + 1])))
-            if breaks.size > SPANS_PER_POINT * len(values) or np.diff(breaks).min() < NARROWEST * breaks[-1]:
-                return None
+            if breaks.size > MOST_SPANS * len(values):
+                break
         elif left and (found := curve.lengths())[2] > ROUGH:
             u, breaks, left = *found[:2], left - 1
         else:
@@ -430,49 +390,40 @@ def _approximate(values: Array, tolerance: Array) -> _Curve | None:
 
 def _smooth(curve: _Curve, values: Array, tolerance: Array) -> _Curve:
     """Return the curve with halved spans and the greatest weight of ∫ |p'''|² ds within the tolerance."""
-    u, breaks, slowest = curve.u, curve.knots.breaks, SLOWER * curve.lengths()[2]
-    breaks = np.sort(np.append(breaks, 0.5 * (breaks[:-1] + breaks[1:])))
-    for _ in range(REFINEMENTS + 1):
-        fit, (low, high), found = _Fit(breaks, u, values), SMOOTHINGS, False
-        for _ in range(HALVINGS):
-            middle = 0.5 * (low + high)
-            try:
-                new = fit.solve(len(u) * breaks[-1] ** 5 * 10.0**middle).project(values)
-            except np.linalg.LinAlgError:  # the points are lost beside the weight
-                high = middle
-                continue
-            if (new.errors(values) <= tolerance).all() and new.lengths()[2] >= slowest:
-                low, curve, found = middle, new, True
-            else:
-                high = middle
-        u, breaks, slow = curve.lengths()
-        if not found or slow < ROUGH:
-            break
+    breaks, slowest = curve.knots.breaks, SLOWER * curve.lengths()[2]
+    fit = _Fit(np.sort(np.append(breaks, 0.5 * (breaks[:-1] + breaks[1:]))), curve.u, values)
+    low, high = WEIGHTS
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        new = fit.solve(len(values) * breaks[-1] ** 5 * 10.0**middle).project(values)
+        if (new.errors(values) <= tolerance).all() and new.lengths()[2] >= slowest:
+            low, curve = middle, new
+        else:
+            high = middle
     return curve
 
 
 def _interpolate(values: Array, tolerance: Array) -> _Curve:
-    """Return the curve with the least ∫ |p'''|² ds through points, of which those that repeat the previous one are merged."""
-    u, kept = _measure_chords(values[:, :3], SAME_POINT * _size(values[:, :3]))
+    """Return the curve with the least ∫ |p'''|² ds through points, of which those that repeat the one before are merged."""
+    u, kept = _measure_chords(values[:, :3], SAME * _size(values[:, :3]))
     through = values[kept]
     merged = through[np.searchsorted(0.5 * (u[kept][1:] + u[kept][:-1]), u)]
-    for row in np.flatnonzero(_angles(values, merged) > max(SAME_TURN, tolerance[1]))[:1]:
+    for row in np.flatnonzero(_angles(values, merged) > max(SAME, tolerance[1]))[:1]:
         raise InvalidInput(
             f"points[{row}]", "a turn of the tool at one point", "a point that moves while the tool turns"
         )
     for left in reversed(range(REFINEMENTS)):
         at = u[kept]
-        knots = ControlCurve(float(at[-1]), 0, at[1:-1])
+        knots = ControlCurve.between(at)
         if len(kept) == 2:
             inner = through[0] + knots.greville[1:-1, None] / knots.end * (through[1] - through[0])
         else:  # parameters about 1 apart, so that all equations are of one size
             scaled, ends = at * ((len(at) - 1) / at[-1]), (NATURAL, NATURAL)
             inner = scipy.interpolate.make_interp_spline(scaled, through, k=DEGREE, bc_type=ends).c[1:-1]
         curve = _Curve(knots, np.concatenate([through[:1], inner, through[-1:]]), u)
-        found = curve.lengths()
-        if found[2] < ROUGH or not left:
+        u, _, rate = curve.lengths()
+        if rate < ROUGH or not left:
             break
-        u = found[0]
     return curve
 
 

@@ -166,7 +166,7 @@ def _read_poses(table: TextTable, turned: tuple[str, ...], first: Array, robot: 
     return np.stack([se3.pose(R, x) for R, x in zip(_read_rotations(table, turned, values, first), p, strict=True)])
 
 
-def check_rotation(orientation: ArrayLike) -> Array:
+def check_rotation(orientation: ArrayLike | None) -> Array:
     """Return a rotation (3, 3) of the tool, exact to rounding."""
     R = real_array(orientation, "orientation", "a rotation (3, 3)")
     if R.shape != (3, 3):

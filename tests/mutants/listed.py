@@ -138,6 +138,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "planners/paths/arc.py": (PATHS[1], FREEDOM[1]),
     "planners/paths/line.py": (PATHS[0], FREEDOM[1]),
     "planners/paths/polyline.py": (PATHS[2], "tests/planners/test_polylines.py", FREEDOM[1]),
+    "planners/paths/spline.py": ("tests/planners/test_spline.py", FREEDOM[1]),
     "planners/paths/joint_line.py": ("tests/planners/test_path_joint_line.py", FREEDOM[1]),
     "planners/search/_edges.py": (SEARCH_PROOFS, *SEARCH),
     "planners/search/_corners.py": SEARCH,
