@@ -27,6 +27,7 @@ from benchmarks.cli.paths import (
     PathCommand,
     PointToPointCommand,
     PolylineCommand,
+    SplineCommand,
 )
 from benchmarks.cli.robot import FkCommand, IkCommand, RobotsCommand
 from benchmarks.cli.runs import CompareCommand, DemoCommand, ReportCommand, RunCommand
@@ -71,6 +72,7 @@ add_command(app, "ik", IkCommand, "ik --xyz 0.3,0.2,0.3 --rpy-deg -90,10,20")
 add_command(plan_app, "line", LineCommand, "plan line --move -0.12,0,0.2 --out line.json")
 add_command(plan_app, "arc", ArcCommand, "plan arc --centre 0.1,0.3,0.2 --axis 0,0,1 --angle-deg 20")
 add_command(plan_app, "polyline", PolylineCommand, "plan polyline --waypoints seam.csv --timing constant_speed")
+add_command(plan_app, "spline", SplineCommand, "plan spline --waypoints scan.csv --timing constant_speed")
 add_command(plan_app, "joints", JointsCommand, "plan joints --to-deg 0,0,10,0,30,0 --duration 4")
 add_command(plan_app, "ptp", PointToPointCommand, "plan ptp --waypoints cycle.csv")
 add_command(plan_app, "path", PathCommand, "plan path ./spiral.py --set radius=0.1")

@@ -39,6 +39,12 @@ DEMONSTRATION = "-0.12,0,0.2"
 POSE_SYNTAX = "x,y,z[,roll,pitch,yaw] in the base frame [m, degrees]; without angles the tool keeps its orientation."
 """Syntax of a pose, for the help of several options."""
 
+TABLE_SYNTAX = (
+    "with a header: x,y,z [m] or x_mm,y_mm,z_mm, and optionally the orientation as qx,qy,qz,qw; roll,pitch,yaw [rad]; "
+    "roll_deg,pitch_deg,yaw_deg; i,j,k; nx,ny,nz; rx,ry,rz; or KUKA's A,B,C."
+)
+"""Syntax of a table of poses, for the help of several options."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class ToolPathCommand(PlanCommand):
@@ -138,11 +144,7 @@ class PolylineCommand(ToolPathCommand, TableCommand):
     """
 
     via: list[str] | None = numbers("Path", f"Waypoint, repeatable; the last one is the end: {POSE_SYNTAX}")
-    waypoints: Path | None = option(
-        "Path",
-        "Table of all waypoints with a header: x,y,z [m] or x_mm,y_mm,z_mm, and optionally the orientation as qx,qy,qz,qw; "
-        "roll,pitch,yaw [rad]; roll_deg,pitch_deg,yaw_deg; i,j,k; nx,ny,nz; rx,ry,rz; or KUKA's A,B,C.",
-    )
+    waypoints: Path | None = option("Path", f"Table of all waypoints {TABLE_SYNTAX}")
     unit: str | None = option("Path", UNIT_HELP)
     blend: float = option("Path", "Largest distance of a blended corner from its waypoint [m].", 1e-3)
 
@@ -165,6 +167,35 @@ class PolylineCommand(ToolPathCommand, TableCommand):
         for text in self.via or ():
             poses.append(read_pose(text, "--via", poses[-1]))
         return planners.Polyline(np.stack(poses), blend=self.blend)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SplineCommand(ToolPathCommand, TableCommand):
+    """Plan and certify a motion of the tool along a smooth curve near the points of a file, or through them.
+
+    The path begins at the first point, by default in the configuration that is best for the whole path.
+    """
+
+    waypoints: Path = option("Path", f"Table of all points {TABLE_SYNTAX}", ...)
+    unit: str | None = option("Path", UNIT_HELP)
+    tolerance: str = numbers(
+        "Path",
+        "Largest distance [mm] and angle [degrees] of the points from the curve; 0,0 passes them exactly.",
+        "0.1,0.1",
+    )
+
+    def make_given(self, start: Start) -> planners.Path:
+        """Return the curve."""
+        import planners
+
+        position, rotation = np.multiply(read_numbers(self.tolerance, "--tolerance", 2), (1e-3, np.pi / 180.0))
+        if min(position, rotation) < 0.0 or (position > 0.0) != (rotation > 0.0):
+            expected = "a distance [mm] and an angle [degrees] above 0, or 0,0"
+            raise InvalidInput("--tolerance", self.tolerance, expected)
+        return planners.Spline.from_csv(
+            self.waypoints, orientation=start.arm.fk(start.q)[:3, :3], tolerance=(position, rotation) if position else 0,
+            robot=start.arm, unit=self.unit, columns=self.columns, ignore=self.ignore,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)

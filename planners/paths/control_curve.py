@@ -169,6 +169,6 @@ def read_breaks(data: Any) -> Array:
     if not isinstance(data, list) or len(data) < 2:
         raise InvalidInput("knots", repr(data)[:60], "a list of at least two numbers")
     at = read_numbers(data, (len(data),), "knots")
-    if not (np.diff(at) > 0.0).all() or at[0] != 0.0:
+    if not (np.diff(at) > 0.0).all() or at[0] != 0.0 or not np.isfinite(at[-1]):
         raise InvalidInput("knots", repr(data)[:60], "increasing numbers from 0")
     return at

@@ -39,6 +39,8 @@ ROUNDS, MOST_SPANS, REFINEMENTS = 40, 2, 2
 """Most rounds in which knots are added, most spans for each point, and changes of s to the length of the curve."""
 ROUNDING = 1e-12
 """Relative rounding error of a sample."""
+LEAST_SQUARE, FARTHEST = 1e-3, 1e9
+"""Least square of the length of a quaternion of the spline, which would be 1, and farthest control point [m]."""
 SLOWER, ROUGH = 0.5, 0.25
 """Least |dp/ds| of a smoothed curve over that before, and that from which s is made the length: loops would only grow."""
 NATURAL = [(3, np.zeros(7)), (4, np.zeros(7))]
@@ -111,8 +113,9 @@ class Spline(Path):
 
     Position and quaternion of the tool are a B-spline of degree 5; the quaternion is normalised. s is nearly the length of
     the curve. Both ends are exact. With a tolerance, a least-squares curve gets knots where points are farther from it. Each
-    span is then halved, and ∫ |p'''|² ds gets the greatest weight that keeps all points within the tolerance: this lowers
-    the jerk by a factor of 5 to 30. A tolerance of 0 gives the curve with the least ∫ |p'''|² ds through all points.
+    span is then halved, and ∫ |p'''|² ds gets the greatest weight that keeps all points within the tolerance: fewest knots
+    alone follow the noise with several times the jerk. A tolerance of 0 gives the curve with the least ∫ |p'''|² ds through
+    all points.
 
     Parameters
     ----------
@@ -126,7 +129,7 @@ class Spline(Path):
 
     Attributes
     ----------
-    deviation : (2,) tuple of float
+    deviation : (2,) list of float
         Bounds on the distance [m] and the angle [rad] of the points from the curve.
 
     Raises
@@ -240,6 +243,7 @@ class Spline(Path):
 
         p, a = derivatives(slice(0, 3)), derivatives(slice(3, 7))
         N, W = _turn(z[:, :, 3:])
+        N[0] = np.maximum(N[0], LEAST_SQUARE)
         n = below(N[1:], 2.0 * (a[0] * a[4] + 4.0 * a[1] * a[3] + 3.0 * a[2] ** 2))
         w = below(W, 2.0 * (a[0] * a[4] + 2.0 * a[1] * a[3]))
         least = np.stack([np.linalg.norm(z[1, :, :3], axis=1), N[0][:, 0]]).reshape(2, spans, -1).min(axis=2)
@@ -266,13 +270,16 @@ class Spline(Path):
         path, knots = object.__new__(cls), ControlCurve.between(read_breaks(breaks))
         path._curve = _Curve(knots, read_numbers(coefficients, (knots.count, 7), "coefficients"), np.empty(0))
         path.deviation = read_numbers(deviation, (2,), "deviation").tolist()
+        for name, values in (("coefficients", path._curve.coefficients), ("deviation", np.array(path.deviation))):
+            if not np.abs(values).max() < FARTHEST:
+                raise InvalidInput(name, "NaN, infinity or too large a number", f"numbers below {FARTHEST:g}")
         path._check()
         return path
 
     def _check(self) -> None:
         """Raise InvalidInput unless the tool point is proved to move everywhere, and the quaternion not to vanish."""
         bounds, least = self._bounds
-        for piece, turns in np.argwhere(~(least > 0.0)):
+        for piece, turns in np.argwhere(~(least > (0.0, LEAST_SQUARE))):
             s = np.linspace(self.breaks[piece], self.breaks[piece + 1], SLOW_SAMPLES + 1)
             rate = np.linalg.norm(self._curve.at(s)[1, :, :3], axis=1)
             if not turns and rate.min() > (s[1] - s[0]) * bounds[piece, 0, 1]:
@@ -315,6 +322,8 @@ def _check_points(points: ArrayLike, orientation: ArrayLike | None) -> Array:
     given = real_array(points, "points", "points (k, 3) or poses (k, 4, 4)")
     if given.ndim == 2 and given.shape[1] == 3:
         given = make_poses(check_rotation(orientation), given)
+    elif given.ndim != 3:
+        raise InvalidInput("points", f"shape {given.shape}", "points (k, 3) or poses (k, 4, 4)")
     elif orientation is not None:
         raise InvalidInput("orientation", "a rotation", "None, because the poses have their own")
     poses = check_waypoints(given, "points")

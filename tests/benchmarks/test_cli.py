@@ -132,6 +132,20 @@ def test_plan_polyline_begins_at_the_first_waypoint_of_a_table(tmp_path: Path) -
     assert np.abs(tool[:, :3, 2] - T[:3, 2]).max() < 1e-5
 
 
+def test_plan_spline_passes_near_the_points_of_a_table(tmp_path: Path) -> None:
+    robot, q = optik.load("paper6r"), np.deg2rad([float(v) for v in START.split(",")])
+    T, x = robot.fk(q), np.linspace(0.0, 0.06, 40)
+    points = T[:3, 3] + np.stack([x, 0.01 * np.sin(50.0 * x), 0.0 * x], axis=1)
+    points[1:] += 3e-5 * np.random.default_rng(1).normal(size=(39, 3))
+    table, file = tmp_path / "scan.csv", tmp_path / "scan.json"
+    table.write_text("x_mm,y_mm,z_mm\n" + "".join(f"{','.join(f'{1e3 * v:.6f}' for v in p)}\n" for p in points))
+    given = ("plan", "spline", "--waypoints", str(table), "--tolerance", "0.15,0.1", "--out", str(file))
+    done = inside(*given, "--timing", "constant_speed")
+    assert done.exit_code == 0, done.output
+    tool = robot.fk(planners.load_motion(file).trajectory.sample(5000)[1])[:, :3, 3]
+    assert np.linalg.norm(tool[:, None] - points, axis=2).min(axis=0).max() < 1.6e-4
+
+
 TWO = """<robot name="two"><link name="base"/><link name="a"/><link name="b"/>
 <joint name="j1" type="continuous"><parent link="base"/><child link="a"/><axis xyz="0 0 1"/><limit velocity="3" effort="9"/>
 </joint><joint name="j2" type="revolute"><parent link="a"/><child link="b"/><origin xyz="0.5 0 0"/><axis xyz="0 1 0"/>

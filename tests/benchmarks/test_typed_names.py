@@ -26,7 +26,15 @@ WRONG = {
     "--unit": ("plan polyline --via 0.1,0.3,0.3 --unit mm",),
     "--margin": ("plan line --scene self --margin inf -r panda",),
     "--angle-deg": ("plan arc --centre 0.1,0.3,0.2 --angle-deg 0", "plan arc --centre 0.1,0.3,0.2 --angle-deg nan"),
-    "--waypoints": ("plan polyline --waypoints nosuch.csv", "plan ptp --waypoints nosuch.csv"),
+    "--waypoints": (
+        "plan polyline --waypoints nosuch.csv",
+        "plan ptp --waypoints nosuch.csv",
+        "plan spline --waypoints nosuch.csv",
+    ),
+    "--tolerance": (
+        "plan spline --waypoints nosuch.csv --tolerance 1,0",
+        "plan spline --waypoints a.csv --tolerance x",
+    ),
     "--set": ("plan path line --set goal=3", "plan path line --set a"),
     "PATH": ("plan path nosuch", "plan path ./nosuch.py"),
     "FILE": ("certify nosuch.csv", "certify nosuch.foo"),
