@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from typing import Any
 
 from numpy.typing import ArrayLike
 
@@ -23,8 +24,9 @@ from planners.paths.goal import check_winding, path_to
 from planners.planning.planner import MotionPlanner
 from planners.planning.request import PlanRequest
 from planners.planning.result import Plan, PlanSeconds
+from planners.program.following import Options
 from planners.program.parts import Program
-from planners.program.planner import Options, plan_program
+from planners.program.planner import plan_program
 from planners.program.result import ProgramPlan
 from planners.search.base import SearchLike
 from planners.timing import LawLike, make_law
@@ -49,8 +51,7 @@ def plan(
     robot : Robot
         The arm.
     path : Path, Program, (4, 4) array, or (n,) array
-        The path of the tool. A pose means the straight line to it; joints [rad, m] mean the line in joint space. A `Program`
-        means many parts in one motion; the result is a `ProgramPlan`.
+        The path of the tool. A pose means the line to it; joints [rad, m] the line in joint space; a `Program` many parts.
     q_start : (n,) array, optional
         Configuration at the path's start [rad, m]; by default the best one there.
     solver, timing : str, path, type, or IKSolver and TimeLaw
@@ -65,10 +66,8 @@ def plan(
         Duration [s] to which the law's motion is slowed; a tool speed that is set in the law must stay the same.
     strict : bool
         Refuse a motion that exceeds a limit enforced by its law, instead of slowing it uniformly (`Plan.slowed`).
-    tolerance : Tolerance, or (2,) tuple of float
-        Largest distance [m] and angle [rad] between tool and path with which the certificate is valid.
-    rate : float
-        The controller's rate [1/s], for `Certificate.sampled_jerk`.
+    tolerance, rate : Tolerance or (2,) tuple of float, and float
+        Largest distance [m] and angle [rad] between tool and path of a valid motion; the controller's rate [1/s].
     scene : Scene, optional
         Obstacles for an arm with shapes, and the margin to them; its links are checked too. The motion is proved to be
         collision-free at every instant (`Certificate.clearance`). An empty scene checks the links alone.
@@ -83,26 +82,16 @@ def plan(
     Returns
     -------
     Plan
-        On failure with a `Plan.failure`: path parameter, reason and advice.
+        On failure with a `Plan.failure`: path parameter, reason and advice. A `ProgramPlan` for a `Program`.
 
     Raises
     ------
     InvalidInput, UnknownName
         An invalid argument; a limit that the law needs and that is missing; an unknown method or law; an arm without shapes.
     """
-    if isinstance(path, Program):
-        alone = partial(
-            plan, solver=solver, timing=timing, samples=samples, rate=rate, strict=strict, allow=allow, scene=scene,
-            winding=winding,
-        )  # fmt: skip
-        _check_options(duration, strict)
-        if branch is not None or avoid is not False:
-            raise InvalidInput(
-                "avoid" if branch is None else "branch", "one for a program", "Part(goal, avoid=True), or none"
-            )
-        options = Options(solver, _check_limits(robot, limits), samples, Tolerance.of(tolerance), scene, winding)
-        return plan_program(robot, path, q_start, alone, options, duration)
     given = tolerance, rate, scene, allow, avoid, winding
+    if isinstance(path, Program):
+        return _plan_program(robot, path, q_start, (solver, timing, limits, samples, branch, duration, strict), given)
     built = _build_request(robot, path, q_start, solver, timing, limits, given)
     return MotionPlanner(*built, samples, _check_options(duration, strict)).run(q_start, branch, duration)
 
@@ -114,6 +103,20 @@ def _check_options(duration: float | None, strict: bool) -> bool:
     if not isinstance(strict, bool):
         raise InvalidInput("strict", repr(strict)[:60], "True or False")
     return strict
+
+
+def _plan_program(
+    robot: Robot, program: Program, q_start: ArrayLike | None, own: tuple[Any, ...], given: tuple[Any, ...]
+) -> ProgramPlan:
+    """Return the plan of a program, whose parts and sections are planned with the same arguments of `plan`."""
+    solver, timing, limits, samples, branch, duration, strict = own
+    tolerance, rate, scene, allow, avoid, winding = given
+    if branch is not None or avoid is not False:
+        raise InvalidInput("branch, avoid", "one for a program", "none; Part(goal, avoid=True) searches a way")
+    shared = {"solver": solver, "timing": timing, "samples": samples, "rate": rate, "allow": allow, "scene": scene}
+    alone = partial(plan, strict=_check_options(duration, strict), winding=winding, **shared)
+    options = Options(solver, _check_limits(robot, limits), samples, Tolerance.of(tolerance), scene, winding)
+    return plan_program(robot, program, q_start, alone, options, duration)
 
 
 def _check_limits(robot: Robot, limits: MotionLimits | None) -> MotionLimits:

@@ -95,26 +95,18 @@ def certify(
     enforced = _check_enforced(enforced, limits)
     tolerance = None if tolerance is None else Tolerance.of(tolerance)
     analysis = _check_analysis(analysis, robot, trajectory)
-    if isinstance(path, ProgramPath):
-        given = {
-            "law": law,
-            "enforced": enforced,
-            "rate": rate,
-            "tolerance": tolerance,
-            "scene": scene,
-            "before": before,
-        }
-        return _certify_sections(path, trajectory, limits, span, given)
     criteria: dict[str, Any] = {"law": law, "enforced": enforced, "rate": check_rate(rate), "tolerance": tolerance}
+    if isinstance(path, ProgramPath):
+        return _certify_sections(path, trajectory, limits, span, before, criteria | {"scene": scene})
     return _certify(analysis.along_path(path, *_required_accuracy(tolerance)), limits, before, span, scene, criteria)
 
 
 def _certify_sections(
-    path: ProgramPath, trajectory: Trajectory, limits: MotionLimits, span: tuple[float, float], criteria: dict[str, Any]
-) -> Certificate:
+    path: ProgramPath, trajectory: Trajectory, limits: MotionLimits, span: tuple[float, float],
+    before: tuple[MotionLimits, float] | None, criteria: dict[str, Any],
+) -> Certificate:  # fmt: skip
     """Return the certificate of a motion that stops at the end of each section."""
     which, times = path.find_sections(span), find_stops(path, trajectory, span)
-    before = criteria.pop("before")
     proofs = []
     for i, (begin, _, end) in zip(which, times, strict=True):
         motion = cut_between(trajectory, begin, end)

@@ -28,7 +28,7 @@ def tool_bounds(robot: Robot, most: Array, width: Array, twists: Array) -> Array
     Shapes and units: most (m, 5, n), bounds on the joints and their derivatives; width (m,) of the pieces; twists
     (m c, 3, 6) at equal distances on each piece, both ends included [per unit of s].
     """
-    bounds = _reach_bounds(robot, most)
+    bounds = reach_bounds(robot, most)
     norms = np.stack([
         np.linalg.norm(twists[:, :, :3], axis=2), rotation_derivative_norms(*np.swapaxes(twists[:, :, 3:], 0, 1))
     ], axis=1)  # fmt: skip
@@ -40,7 +40,7 @@ def tool_bounds(robot: Robot, most: Array, width: Array, twists: Array) -> Array
     return bounds
 
 
-def _reach_bounds(robot: Robot, most: Array) -> Array:
+def reach_bounds(robot: Robot, most: Array) -> Array:
     """Return bounds (m, 2, 4) for any motion with such rates: a link turns at most at the sum of those before it."""
     # A link vector t behind joint i gives |t_xy| Bᵢ + |t_z| Bᵢ₋₁, the Bell polynomials of the sums of |q⁽ᵐ⁾| of the
     # revolute joints up to i, since joint i does not move points on its own axis; a prismatic joint gives a product.

@@ -38,6 +38,7 @@ class Keep:
 
 
 KEEP = Keep()
+"""The default of a `ToolChange`: no change."""
 
 
 @dataclass(frozen=True, eq=False)

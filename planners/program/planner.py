@@ -3,80 +3,29 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from optik import se3
 from optik.arm.robot import Robot
-from optik.errors import InvalidInput, NoSolution
-from optik.ik import SolverLike, Tolerance, get_solver
+from optik.errors import InvalidInput
+from optik.ik import get_solver
 from optik.ik.problem import check_start
-from optik.scene import Scene
 from optik.types import Array
 from planners.certificate.sections import limits_of_parts
-from planners.following.branches import find_branches
-from planners.following.collision import CollisionCheck
 from planners.following.failure import PlanFailure
-from planners.following.follow import follow
-from planners.following.joint_path import JointPath
 from planners.limits import TOOL_SPEEDS, MotionLimits
 from planners.motion import PlanStatus
-from planners.paths.base import Path
-from planners.paths.configurations import choose_configurations
-from planners.paths.free_path import FreePath
-from planners.paths.goal import unwind
-from planners.paths.joint_line import JointLine
-from planners.paths.line import Line
 from planners.planning.result import Plan
+from planners.program.following import Failed, Leg, Options, PartFollower, PlanAlone
 from planners.program.joining import Corner, Sharp, join_parts, round_corners, sharpen
-from planners.program.parts import Dwell, Move, Part, Program, ToolChange
+from planners.program.parts import Dwell, Part, Program
 from planners.program.result import PartRecord, ProgramPlan, build_plan
 
-MOST_SAMPLES_A_PART = 31
-"""Largest number of samples of each part for the IK method."""
-GAP = 1e-6
-"""Largest distance [m, rad] of the start of a part's path from the end of the part before, which counts as rounding."""
-FOLLOWED = 0.95
-"""Fraction of its share of the tolerance that following may use."""
 NARROWER, MOST_NARROWER = 0.4, 3
 """Factor of a zone whose rounded corner is in contact or cannot be timed, and how often it is tried; then the arm stops."""
-ADVICE = "another goal or path of this part, or joints as the goal of a part before it"
-"""What to try if a part cannot be followed."""
-
-PlanAlone = Callable[..., Plan]
-"""`planners.plan` with the solver, the law and the criteria of the program, for a path or a goal and a start configuration."""
-
-
-class Options(NamedTuple):
-    """What a program is planned with."""
-
-    solver: SolverLike
-    limits: MotionLimits
-    samples: int
-    tolerance: Tolerance
-    scene: Scene | None
-    winding: str
-
-
-class Leg(NamedTuple):
-    """A part that was followed: its arm, path, joint path if the path is Cartesian, and the configurations at its ends."""
-
-    part: int
-    robot: Robot
-    path: Path
-    joint_path: JointPath | None
-    ends: tuple[Array, Array]
-    plan: Plan | None = None
-
-
-class Failed(NamedTuple):
-    """A part that could not be followed."""
-
-    path: Path
-    failure: PlanFailure
 
 
 def plan_program(
@@ -84,8 +33,8 @@ def plan_program(
 ) -> ProgramPlan:
     """Return the plan of a program."""
     q = None if q_start is None else check_start(robot, q_start, "q_start")
-    planner = ProgramPlanner(robot, program, alone, options)
-    legs, failed = planner.follow_all(q)
+    planner = ProgramPlanner(PartFollower(robot, program, alone, options))
+    legs, failed = planner.follower.follow_all(q)
     if failed is not None:
         return planner.fail(failed, legs)
     found = planner.plan_sections(legs)
@@ -96,204 +45,19 @@ def plan_program(
 
 @dataclass(frozen=True)
 class ProgramPlanner:
-    """Plans the sections of a program with `planners.plan`."""
+    """Joins followed parts into sections, and plans these with `planners.plan`."""
 
-    robot: Robot
-    program: Program
-    alone: PlanAlone
-    options: Options
+    follower: PartFollower
 
-    # ------------------------------------------------------------ following the parts
+    @property
+    def program(self) -> Program:
+        """The program."""
+        return self.follower.program
 
-    def follow_all(self, q: Array | None) -> tuple[list[Leg], Failed | None]:
-        """Return the parts, followed one after another; where a part cannot be followed, those before it and the failure."""
-        legs: list[Leg] = []
-        items, robot, k = self.program.items, self.robot, 0
-        while k < len(items):
-            item = items[k]
-            if isinstance(item, ToolChange):
-                robot = item.apply(robot)
-            if not isinstance(item, Part):
-                k += 1
-                continue
-            run, failed = self._follow_run(k, robot, q)
-            legs += run
-            if failed is not None:
-                return legs, failed
-            q, k = run[-1].ends[1], self._index(run[-1].part) + 1
-            robot = run[-1].robot
-        return legs, None
-
-    def _index(self, part: int) -> int:
-        """Return the place of a part among the items."""
-        return self.program.items.index(self.program.parts[part])
-
-    def _follow_run(self, k: int, robot: Robot, q: Array | None) -> tuple[list[Leg], Failed | None]:
-        """Return the part at an item, and where its configuration must be chosen, the Cartesian parts behind it, too."""
-        part = self.program.items[k]
-        assert isinstance(part, Part)
-        try:
-            candidates = self._list_candidates(k, robot, q)
-        except NoSolution as error:
-            where = JointLine(robot, q, q) if q is not None else part.goal
-            return [], self._fail(part, where, PlanFailure.from_error(PlanStatus.UNREACHABLE, error))
-        if candidates is None:
-            leg = self._follow_part(part, robot, q, None)
-            return ([leg], None) if isinstance(leg, Leg) else ([], leg)
-        best: tuple[tuple[int, float], list[Leg], Failed] | None = None
-        for chosen in candidates:
-            run, failed = self._try(k, robot, q, chosen)
-            if failed is None:
-                return run, None
-            rank = len(run), failed.failure.s
-            if best is None or rank > best[0]:
-                best = rank, run, failed
-        if best is None:
-            reason = "no configuration inside the limits reaches its start"
-            failure = PlanFailure(PlanStatus.UNREACHABLE, 0.0, None, reason, "a path that begins within reach")
-            return [], self._fail(part, part.goal, failure)
-        _, run, failed = best
-        return run, self._say_tried(failed, part, len(run), len(candidates))
-
-    def _try(self, k: int, robot: Robot, q: Array | None, chosen: Array) -> tuple[list[Leg], Failed | None]:
-        """Return the run of parts that follows from a choice: it ends before joints, or before the next choice."""
-        run: list[Leg] = []
-        for item in self.program.items[k:]:
-            if isinstance(item, ToolChange):
-                robot = item.apply(robot)
-            if not isinstance(item, Part):
-                continue
-            if run and (_is_choice(item) or not _is_cartesian(item)):
-                break
-            leg = self._follow_part(item, robot, q, None if run else chosen)
-            if isinstance(leg, Failed):
-                return run, leg
-            run.append(leg)
-            q = leg.ends[1]
-        return run, None
-
-    def _list_candidates(self, k: int, robot: Robot, q: Array | None) -> list[Array] | None:
-        """Return the configurations among which a part chooses, of its start or of its goal; None if there is no choice."""
-        part = self.program.items[k]
-        assert isinstance(part, Part)
-        rooms = None if self.options.scene is None else CollisionCheck(robot, self.options.scene).find_rooms
-        if q is None:
-            if not isinstance(part.goal, Path):
-                raise InvalidInput(
-                    "q_start", "None", f"where the arm starts: {self._label(part)} is a goal, not a path"
-                )
-            own = part.goal.configurations(robot, np.zeros(1))
-            return [own[0]] if own is not None else self._find_starts(robot, part.goal, None, rooms)
-        if not _is_choice(part):
-            return None
-        after = next((item for item in self.program.items[k + 1 :] if not isinstance(item, Dwell)), None)
-        path = self._path_from(after, part.goal) if isinstance(after, Part) else None
-        found = [] if path is None else self._find_starts(robot, path, q, rooms)
-        if found:
-            return found
-        usable = None if rooms is None else (lambda x: rooms(x) > 0.0)
-        try:
-            return [choose_configurations(robot, q, [part.goal], usable)[-1]]
-        except NoSolution as error:
-            raise NoSolution(error.reason.replace("point 0", "the goal"), advice=error.advice) from None
-
-    def _find_starts(self, robot: Robot, path: Path, q: Array | None, rooms: Any) -> list[Array]:
-        """Return the configurations at the start of a Cartesian path from which it can be followed farthest, the best first."""
-        if robot.n <= 6:
-            return [branch.q for branch in find_branches(robot, path, q, rooms) if np.isfinite(branch.cost)]
-        followed = self._follow_path(robot, path, q, "best")
-        return [] if followed.joint_path is None else [followed.joint_path.q[0]]
-
-    def _path_from(self, part: Part, pose: Array) -> Path | None:
-        """Return the Cartesian path of a part that begins at a pose; None for a part of another kind."""
-        if not _is_cartesian(part) or _is_choice(part):
-            return None
-        if isinstance(part.goal, Path):
-            return part.goal
-        return Line(pose, _displace(pose, part.goal))
-
-    def _follow_path(self, robot: Robot, path: Path, q: Array | None, branch: str) -> Any:
-        options = self.options
-        share = options.tolerance.scale(0.5 * FOLLOWED)
-        samples = min(options.samples, MOST_SAMPLES_A_PART)
-        solver = get_solver(robot, options.solver)
-        return follow(solver, path, q, branch=branch, samples=samples, tolerance=share, scene=options.scene)
-
-    def _follow_part(self, part: Part, robot: Robot, q: Array | None, chosen: Array | None) -> Leg | Failed:
-        """Return a part followed from a configuration; `chosen` is the one of its goal, or of its start if there is none."""
-        goal, label = part.goal, self._label(part)
-        if q is None:
-            q, chosen = chosen, None
-        assert q is not None
-        try:
-            if chosen is not None:
-                path: Path = JointLine(robot, q, chosen)
-            elif isinstance(goal, Path):
-                path = goal
-            elif isinstance(goal, Move) or goal.ndim == 2:
-                path = Line(robot.fk(q), _displace(robot.fk(q), goal))
-            else:
-                end = check_start(robot, goal, "goal")
-                path = JointLine(robot, q, unwind(robot, end, q) if self.options.winding == "nearest" else end)
-            self._check_gap(part, robot, path, q)
-            if part.avoid is not False or isinstance(path, FreePath):
-                return self._plan_alone(
-                    part, robot, path if chosen is None and isinstance(goal, Path) else None, q, chosen
-                )
-            followed = self._follow_path(robot, path, None if path.in_joints else q, None)  # type: ignore[arg-type]
-        except InvalidInput as error:
-            if error.argument.startswith(label):
-                raise
-            raise InvalidInput(f"{label}: {error.argument}", error.got, error.expected) from None
-        if followed.failure is not None:
-            return self._fail(part, path, followed.failure)
-        joints = followed.joint_path
-        last = joints.q[-1]
-        return Leg(self.program.parts.index(part), robot, path, joints, (q, last))
-
-    def _plan_alone(self, part: Part, robot: Robot, path: Path | None, q: Array, chosen: Array | None) -> Leg | Failed:
-        """Return a part whose path is chosen by its own plan: with freedoms, or around obstacles."""
-        goal = path if path is not None else part.goal if chosen is None else chosen
-        found = self.alone(
-            robot, goal, q, limits=self._limits_of(part), avoid=part.avoid, tolerance=self.options.tolerance
-        )
-        if not found:
-            assert found.failure is not None
-            return self._fail(part, found.path, found.failure)
-        return Leg(self.program.parts.index(part), robot, found.path, found.joint_path, (q, found.goal), found)
-
-    def _check_gap(self, part: Part, robot: Robot, path: Path, q: Array) -> None:
-        """Raise InvalidInput if a path does not begin where the arm is."""
-        own = path.configurations(robot, np.zeros(1))
-        off = robot.pose_errors(q, path.pose(0.0)) if own is None else own[0] - q
-        if np.abs(off).max() <= GAP:
-            return
-        index = self.program.parts.index(part)
-        before = f"the end of {self.program.label(index - 1)}" if index else "q_start"
-        far = f"{1e3 * np.linalg.norm(off[:3]):.3g} mm and {np.degrees(np.linalg.norm(off[3:])):.3g}°"
-        far = far if own is None else f"{np.abs(off).max():.3g} (rad, m)"
-        raise InvalidInput(self._label(part), f"a path that begins {far} from {before}", "a path that begins there")
-
-    # ------------------------------------------------------------ words
-
-    def _label(self, part: Part) -> str:
-        return self.program.label(self.program.parts.index(part))
-
-    def _fail(self, part: Part, path: Path, failure: PlanFailure) -> Failed:
-        """Return the failure of a part, which names it."""
-        reason = f"{self._label(part)} ({path.name.replace('_', ' ')}): {failure.reason}"
-        advice = ADVICE if "branch=" in failure.advice or not failure.advice else failure.advice
-        return Failed(path, replace(failure, reason=reason, advice=advice, part=self.program.parts.index(part)))
-
-    def _say_tried(self, failed: Failed, part: Part, followed: int, count: int) -> Failed:
-        """Return a failure with the number of configurations that were tried."""
-        if count == 1:
-            return failed
-        first = self.program.parts.index(part)
-        what = f"parts {first + 1} to {first + followed + 1}" if followed else "it"
-        where = "of its start" if followed == 0 and not _is_choice(part) else f"at {self._label(part)}"
-        words = f"{failed.failure.reason}; none of the {count} configurations {where} follows {what}"
-        return failed._replace(failure=replace(failed.failure, reason=words))
+    @property
+    def options(self) -> Options:
+        """What the program is planned with."""
+        return self.follower.options
 
     def fail(self, failed: Failed, legs: Sequence[Leg], sections: Sequence[Plan] = ()) -> ProgramPlan:
         """Return the plan without a motion."""
@@ -301,7 +65,7 @@ class ProgramPlanner:
         solver, law = self._names(sections)
         parts = tuple(PartRecord(self.program.parts[leg.part].name, leg.path, -1, 0.0, 0.0) for leg in legs)
         return ProgramPlan(
-            self.robot, failed.path, self.options.limits, PlanStatus(why.status), solver, law, None, why, None, None,
+            self.follower.robot, failed.path, self.options.limits, PlanStatus(why.status), solver, law, None, why, None, None,
             scene=self.options.scene, sections=tuple(sections), parts=parts,
         )  # fmt: skip
 
@@ -309,7 +73,7 @@ class ProgramPlanner:
         if sections:
             return sections[0].solver, sections[0].law
         solver = self.options.solver
-        return (solver if isinstance(solver, str) else get_solver(self.robot, solver).name), ""
+        return (solver if isinstance(solver, str) else get_solver(self.follower.robot, solver).name), ""
 
     # ------------------------------------------------------------ sections
 
@@ -368,7 +132,7 @@ class ProgramPlanner:
                     assert plan.failure is not None
                     again = a + 1 + self._nearest_corner(plan.failure, places) if len(own) > 1 else -1
                     if again < 0:
-                        yield self._fail(self.program.parts[legs[own[0]].part], plan.path, plan.failure)
+                        yield self.follower.explain(self.program.parts[legs[own[0]].part], plan.path, plan.failure)
                         return
                     reasons[again] = (
                         "without it the motion is in contact" if plan.status is PlanStatus.CONTACT else str(plan.status)
@@ -397,11 +161,11 @@ class ProgramPlanner:
             part = self.program.parts[first.part]
             plan = first.plan
             if plan is None:
-                plan = self.alone(
+                plan = self.follower.alone(
                     first.robot,
                     first.path,
                     first.ends[0],
-                    limits=self._limits_of(part),
+                    limits=self.follower.find_limits(part),
                     tolerance=self.options.tolerance,
                 )
             return plan, np.array([0.0, first.path.end]), []
@@ -412,7 +176,7 @@ class ProgramPlanner:
         ]
         limits = limits_of_parts(self._whole_limits(), legs[0].part, legs[-1].part + 1)
         half = self.options.tolerance.scale(0.5)
-        plan = self.alone(first.robot, path, None, limits=limits, tolerance=half)
+        plan = self.follower.alone(first.robot, path, None, limits=limits, tolerance=half)
         return plan, places, corners
 
     def _waits(self, parts: Sequence[PartRecord]) -> list[float]:
@@ -426,24 +190,12 @@ class ProgramPlanner:
                 waits[section + 1] += item.seconds
         return waits
 
-    # ------------------------------------------------------------ limits
-
-    def _limits_of(self, part: Part) -> MotionLimits:
-        """Return the limits of a part alone."""
-        own: dict[str, Any] = {n: value for n in TOOL_SPEEDS if (value := self._speed(part, n)) is not None}
-        return replace(self.options.limits, **own) if own else self.options.limits
-
-    def _speed(self, part: Part, name: str) -> float | None:
-        """Return the lesser of a part's tool speed and the one of the whole program."""
-        given = [x for x in (getattr(part, name), self.options.limits.value(name)) if x is not None]
-        return min(given, default=None)
-
     def _whole_limits(self) -> MotionLimits:
         """Return the limits of the whole program, with one bound on the tool's speeds for each part if a part has its own."""
         own: dict[str, Any] = {}
         for name in TOOL_SPEEDS:
             if any(getattr(part, name) is not None for part in self.program.parts):
-                each = [self._speed(part, name) for part in self.program.parts]
+                each = [self.follower.find_speed(part, name) for part in self.program.parts]
                 own[name] = np.array([np.inf if x is None else x for x in each])
         return replace(self.options.limits, **own) if own else self.options.limits
 
@@ -457,32 +209,10 @@ class ProgramPlanner:
             raise InvalidInput("duration", f"{duration:g} s", f"at least {least}")
         sections = []
         for section in found.sections:
-            alone = self.alone(
+            alone = self.follower.alone(
                 section.robot, section.path, None if section.path.in_joints else section.trajectory(0.0),
                 limits=section.limits, tolerance=section.certificate.tolerance,
                 duration=factor * section.trajectory.duration,
             )  # fmt: skip
             sections.append(alone)
         return build_plan(sections, waits, found.parts, found.corners, found.limits)
-
-
-def _is_choice(part: Part) -> bool:
-    """Return whether a part moves the joints to a pose, for which a configuration is chosen."""
-    return part.move == "joint"
-
-
-def _is_cartesian(part: Part) -> bool:
-    """Return whether a part moves the tool along a path in space."""
-    if isinstance(part.goal, Path):
-        return not part.goal.in_joints
-    return isinstance(part.goal, Move) or (part.goal.ndim == 2 and part.move != "joint")
-
-
-def _displace(pose: Array, goal: Any) -> Array:
-    """Return the goal of a line from a pose: itself, or the pose moved by a vector."""
-    if not isinstance(goal, Move):
-        return np.asarray(goal)
-    moved = pose.copy()
-    vector = np.asarray(goal.vector)
-    moved[:3, 3] += pose[:3, :3] @ vector if goal.frame == "tool" else vector
-    return se3.nearest_pose(moved)

@@ -24,6 +24,12 @@ from planners.replan.stop import plan_stop
 from planners.timing import LawLike
 from planners.trajectory import Trajectory
 
+STOPPED = "a moving state; this one has already stopped"
+"""What `replan` expects for a stop."""
+
+OTHER_MEANS = "other means of stopping the arm, which is already in this state"
+"""Advice for a state in contact."""
+
 
 def replan(
     plan: Plan,
@@ -79,13 +85,10 @@ def replan(
     request = build_request(plan, timing, limits, (Tolerance.of(tolerance), rate, scene))
     start = build_moving_state(plan, running, state)
     if stop and start.still:
-        given = f"a state at rest, at s = {start.at.s:.6g}"
-        raise InvalidInput("state", given, "a moving state; this one has already stopped")
+        raise InvalidInput("state", f"a state at rest, at s = {start.at.s:.6g}", STOPPED)
     request = replace(request, start_error=start.error)
     if scene is not None and (touch := CollisionCheck(request.robot, scene).check_start(start.joints[0])) is not None:
-        error = NoSolution(
-            touch.reason, s=start.at.s, advice="other means of stopping the arm, which is already in this state"
-        )
+        error = NoSolution(touch.reason, s=start.at.s, advice=OTHER_MEANS)
         return request.infeasible(plan.joint_path, error, PlanStatus.CONTACT)
     return plan_stop(request, start, time_limit) if stop else plan_onward(request, start)
 

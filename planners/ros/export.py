@@ -72,7 +72,8 @@ def to_ros(
 ) -> RosExport:  # fmt: skip
     """Write a valid motion as a ``trajectory_msgs/JointTrajectory``, slowed until the controller respects its limits.
 
-    The motion is certified before and after controller interpolation, with its own scene and tolerance.
+    The motion is certified before and after controller interpolation, with its own scene and tolerance. Events of a program are
+    written beside the file, as ``NAME.events.json``.
 
     Parameters
     ----------
@@ -122,11 +123,7 @@ def to_ros(
     _check_start(motion, start, tolerance, find_columns(motion.robot, joint_names))
     text = to_text(message, suffix, _remarks(motion, rate, sent))
     write_atomically(file, lambda part: part.write_text(text, encoding="utf-8"))
-    if motion.events:
-        events = json.dumps(events_to_plain([event.slowed(sent.factor) for event in motion.events]), indent=1)
-        write_atomically(
-            FilePath(file).with_suffix(".events.json"), lambda part: part.write_text(events, encoding="utf-8")
-        )
+    _write_events(FilePath(file).with_suffix(".events.json"), motion, sent)
     return sent
 
 
@@ -146,6 +143,13 @@ def ros_message(
     certificate = replace(motion, trajectory=executed).certify(analysis=analysis)
     _check_executed(certificate, find_judged_limits(required, form), form, allow)
     return message, _report(motion, executed, len(message["points"]), certificate)
+
+
+def _write_events(file: FilePath, motion: Motion, sent: RosExport) -> None:
+    """Write the events of a motion, at their times in the motion that was sent, if it has some."""
+    if motion.events:
+        text = json.dumps(events_to_plain([event.slowed(sent.factor) for event in motion.events]), indent=1)
+        write_atomically(file, lambda part: part.write_text(text, encoding="utf-8"))
 
 
 # ---------------------------------------------------------------- checks

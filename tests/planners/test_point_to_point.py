@@ -14,6 +14,7 @@ from optik.types import Array
 from planners import JointLine, MotionLimits, Plan, PointToPoint, ViaPoint, plan
 from planners.choice.choose import JointChoice
 from planners.choice.vias import pass_through
+from planners.paths.joint_bounds import reach_bounds
 from planners.timing.optimal import Optimal
 from tests import oracles
 from tests.seeds import shift_seed
@@ -279,7 +280,10 @@ def test_a_bound_of_a_piece_is_its_largest_sample_and_what_may_be_between_sample
         )
         bounds = path.piece_bounds()
         monkeypatch.setattr(PointToPoint, "_joints", evaluate)
-        at, reach = np.unique(np.concatenate([np.ravel(s) for s in seen])), path._reach_bounds()
+        at, reach = (
+            np.unique(np.concatenate([np.ravel(s) for s in seen])),
+            reach_bounds(robot, path.spline.derivative_bounds(path.coefficients, 4)),
+        )
         turns = oracles.rotation_derivatives(path, at)[1:4]
         norms = [
             [np.linalg.norm(path(at, order)[:, :3], axis=1) for order in (1, 2, 3)],
