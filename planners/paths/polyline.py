@@ -94,7 +94,7 @@ class Polyline(Path):
     ------
     InvalidInput
         Fewer than two different poses, a turn within 1e-6 rad of 180°, a path that reverses its direction, or a tolerance
-        that is not above 0: a sharp corner needs a stop, so plan each line separately.
+        that is not above 0: a sharp corner needs a stop, so make each line a part of a `planners.Program`.
     """
 
     name: ClassVar[str] = "polyline"
@@ -314,7 +314,7 @@ def _check_tolerances(value: Any, argument: str, unit: str, corners: int) -> Arr
         raise InvalidInput(
             argument,
             np.array2string(array, precision=6, threshold=6),
-            f"finite numbers above 0 [{unit}]; a sharp corner needs a stop, so plan each line separately",
+            f"finite numbers above 0 [{unit}]; a sharp corner needs a stop, so make each line a part of a `planners.Program`",
         )
     return np.full(corners, array) if not array.ndim else array.copy()
 

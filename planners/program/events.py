@@ -143,7 +143,7 @@ def list_places(
     """
     i = find_part(parts, event.part)
     part, own = parts[i], parts[i].path
-    label = f"part {i + 1}{f' {part.name!r}' if part.name else ''}"
+    label = f"the part {event.part!r}"
     if isinstance(event, PathEvent) and event.fraction is not None:
         return [_bend(parts, corners, path, i, event.fraction * own.end)]
     if own.in_joints:
