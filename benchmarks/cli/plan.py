@@ -98,6 +98,9 @@ class PlanCommand(MotionCommand, SceneCommand):
         "start: the branch of the start configuration (default); best: the best branch for the whole path (default if no "
         "start is typed and the robot has no home, or if the start is not on the path).",
     )
+    speed: float | None = option(
+        "Method", "Constant speed of the tool [m/s; rad/s if it only turns], with --timing constant_speed."
+    )
     duration: float | None = option("Method", "Duration of the motion [s]; by default the shortest.")
     strict: bool = option("Method", "Fail instead of stretching the duration to meet the limits.", False, "--strict")
     tool_speed: str | None = numbers(
@@ -140,7 +143,8 @@ class PlanCommand(MotionCommand, SceneCommand):
         start = self.load_start()
         self._check()
         path = self.make_path(start)
-        allow, law, arm = read_allowed(self.allow), planners.make_law(self.timing), start.arm
+        allow, arm = read_allowed(self.allow), start.arm
+        law = self.make_law()
         plan = planners.plan(
             arm, path, start.q, solver=self.solver, timing=law, limits=self.read_limits(arm, law), samples=self.samples,
             branch=self.branch or choose_branch(start, path), duration=self.duration, strict=self.strict,
@@ -175,6 +179,20 @@ class PlanCommand(MotionCommand, SceneCommand):
             )
         if self.out is not None:
             out_console.print(f"written to {self.out}{_describe_export(sent, plan)}", soft_wrap=True)
+
+    def make_law(self) -> planners.TimeLaw:
+        """Return the time law, at the typed speed."""
+        import planners
+
+        if self.speed is None:
+            return planners.make_law(self.timing)
+        try:
+            return planners.make_law(self.timing, speed=self.speed)
+        except InvalidInput as error:
+            if error.argument == "options":
+                typed = f"{self.speed:g} with --timing {self.timing}"
+                raise InvalidInput("--speed", typed, "a law with a speed: --timing constant_speed") from None
+            raise
 
     def load(self, name: str = "") -> optik.Robot:
         """Load the robot with its payload."""

@@ -142,7 +142,7 @@ def list_places(
     corner nearest to the programmed corner is the end of the one part and the start of the other.
     """
     i = find_part(parts, event.part)
-    part, own = parts[i], parts[i].path
+    _part, own = parts[i], parts[i].path
     label = f"the part {event.part!r}"
     if isinstance(event, PathEvent) and event.fraction is not None:
         return [_bend(parts, corners, path, i, event.fraction * own.end)]

@@ -10,7 +10,9 @@ import numpy as np
 
 from optik.check import check_number
 from optik.errors import InvalidInput
+from optik.types import Array
 from planners.certificate.sections import SectionTimes, cut_between, limits_of_parts
+from planners.following.joint_path import find_nearest_s
 from planners.limits import TOOL_SPEEDS, MotionLimits
 from planners.paths.program import ProgramPath
 from planners.plan import Plan, plan
@@ -18,6 +20,8 @@ from planners.program.events import Scheduled, TimedEvent
 from planners.program.result import ProgramPlan, build_plan
 from planners.replan.state import BEFORE_END, check_measured, find_nearest_time
 
+OFF_MOTION = 1e-4
+"""Distance of a measured configuration [rad, m] from the motion beyond which its section is the nearest one in space."""
 AT_END = 1e-9
 """Fraction of a section's path from its end that counts as its end."""
 
@@ -34,6 +38,8 @@ def replan_program(
     )
     times = running.times
     k = max(int(np.searchsorted([each.begin for each in times], t, side="right")) - 1, 0)
+    if measured and np.abs(motion(t) - state[0]).max() > OFF_MOTION:  # at rest, where the motion does not stop
+        k, t = _find_nearest_section(running, np.asarray(state[0]))
     i, sections = running.covered[k], list(running.sections)
     section, left = _as_running(running, i, times[k]), times[k].end - t
     whole = section.span is None or section.span[1] >= section.path.end * (1.0 - AT_END)
@@ -65,6 +71,14 @@ def replan_program(
 def _is_ahead(event: Scheduled, t: float) -> bool:
     """Return whether an event may still come after a time [s]."""
     return not isinstance(event, TimedEvent) or event.t >= t
+
+
+def _find_nearest_section(running: ProgramPlan, q: Array) -> tuple[int, float]:
+    """Return the number of the covered section whose joint path is nearest to a configuration, and when it begins."""
+    paths = [running.sections[i].joint_path for i in running.covered]
+    off = [float(np.abs(path(find_nearest_s(path, q, 0.0)) - q).max()) for path in paths]
+    k = int(np.argmin(off))
+    return k, running.times[k].begin
 
 
 def _as_running(running: ProgramPlan, i: int, when: SectionTimes) -> Plan:

@@ -1,7 +1,7 @@
-"""Times of events of programs: 10,000 random places on lines, also slowed and replanned, against roots found by bisection in space.
+"""Times of events of programs: 10,000 random places on lines, also replanned, against roots found by bisection in space.
 
-A case is a random program of lines and joint lines on one of three arms with zones of 2 to 50 mm. The oracle is the tool's distance
-along the programmed line, by forward kinematics; inside rounded corners, the path parameter of the place.
+A case is a random program of lines and joint lines on one of three arms with zones of 2 to 50 mm. The oracle is the tool's
+distance along the programmed line, by forward kinematics; inside rounded corners, the path parameter of the place.
 """
 
 from __future__ import annotations

@@ -467,3 +467,23 @@ def test_what_is_typed_wrong_is_named(stored, monkeypatch, words, why):
     code, said = typed(*(word.replace("STORED", stored.name) for word in words))
     assert code != 0 and why in said
     assert (stored / "hop.json").read_bytes() == before
+
+
+def test_a_program_with_a_wait_and_events_is_executed_stopped_and_resumed(port):
+    robot = optik.load("irb120")
+    q, limits = robot.limits.middle, planners.MotionLimits(velocity=0.5, acceleration=5.0, jerk=100.0)
+    parts = [
+        planners.Part(q + 0.3, blend=0.01),
+        planners.Part(q + np.array([0.5, 0.2, 0.3, 0.2, 0.3, 0.1]), name="there"),
+    ]
+    program = planners.Program([*parts, planners.Dwell(0.5), planners.Part(q)])
+    found = planners.plan(robot, program, q, limits=limits)
+    found = found.schedule([planners.PathEvent("there", None, "gun", fraction=1.0), planners.TimedEvent(0.0, "on")])
+    drive = drive_on(address(port, "ok", found), found, **PATIENT)
+    with drive.transport:
+        stopped = drive.execute(found, stop=0.2)
+        assert stopped.status == "stopped", (stopped.reason, stopped.notes)
+        onward = drive.resume(stopped)
+    assert onward.status == "done", (onward.reason, onward.notes)
+    np.testing.assert_allclose(onward.q[-1], q, atol=1e-6)
+    assert [event.signal for event in (*stopped.events, *onward.events)] == ["on", "gun"]

@@ -21,6 +21,7 @@ from planners.certificate.violation import Allow
 from planners.following.failure import joint_unit
 from planners.following.joint_path import find_nearest_s
 from planners.plan import Plan
+from planners.program.result import ProgramPlan
 from planners.replan import replan
 from planners.ros.export import JointNames, find_columns
 from planners.ros.monitor import JointStates
@@ -160,7 +161,8 @@ class RosDrive(Drive):
             reason = "the arm is already at the end of the path"
             return refuse(self, plan, reason, "nothing to do: the goal is reached")
         still = np.zeros(self.robot.n)
-        onward = replan(relax(plan, allow), (joints(s), still, still))
+        running = execution.stop_plan if isinstance(execution.stop_plan, ProgramPlan) else plan  # it knows its section
+        onward = replan(relax(running, allow), (joints(s), still, still))
         onward = replace(onward, scene=plan.scene)
         return self.execute(onward, stop=stop, watch=watch, allow=allow)
 
