@@ -18,6 +18,8 @@ from optik.registry import load_method, short_name
 from optik.types import Array
 from planners import Arc, JointLine, Line, Path, PointToPoint, Polyline, Spline, ViaPoint, follow, free, make_path, plan
 from planners.paths import path_of
+from planners.paths.joint_curve import JointCurve
+from planners.paths.program import ProgramPath
 from tests import oracles
 from tests.contract import test_plans
 from tests.oracles import PAPER
@@ -147,6 +149,34 @@ def _moves() -> dict[str, Path]:
     }
 
 
+def _joint_curves() -> dict[str, Path]:
+    """Curves through nodes of sines, whose derivatives are known, equally and unequally spaced, and of a sliding joint."""
+    size, rate = np.array([0.3, -0.2, 0.25, 0.2, -0.3, 0.4]), np.array([1.0, 2.0, 1.5, 0.7, 1.2, 2.2])
+
+    def through(robot: Any, s: Array, middle: Array, size: Array, **options: Any) -> JointCurve:
+        x, k = s[:, None] * rate[: size.size], np.arange(1, 4)[:, None]
+        q = middle + size * np.sin(x)
+        derivatives = size * rate[: size.size] ** k * np.sin(x[:, None] + 0.5 * np.pi * k)
+        return JointCurve(robot, s, q, derivatives, **options)
+
+    apart = np.array([0.0, 0.1, 0.15, 0.3, 0.4, 0.5, 0.65, 0.75, 0.9, 1.0])
+    slides = load("irb910sc"), apart, np.array([0.1, 0.3, 0.1, 0.2]), np.array([0.3, 0.2, 0.05, 0.4])
+    return {
+        "equal nodes": through(paper6r(), np.linspace(0.0, 1.0, 9), START, size),
+        "two segments": through(paper6r(), apart, START, size, owners=[[0, 0], [0, 1], *7 * [[1, 1]]]),
+        "a sliding joint": through(*slides),
+    }
+
+
+def _programs() -> dict[str, Path]:
+    """Of one section: at a stop derivatives jump."""
+    curve = _joint_curves()["two segments"]
+    return {
+        "a curve": ProgramPath([curve], [paper6r()]),
+        "a polyline": ProgramPath([_polylines()["corner"]], [paper6r()]),
+    }
+
+
 def _plugin(file: str) -> dict[str, Path]:
     """Paths of a plug-in, from the data in its EXAMPLES, with their start where the others have theirs."""
     module = sys.modules[load_method("planners.paths", file).__module__]
@@ -159,10 +189,12 @@ def examples() -> dict[str, dict[str, Path]]:
     ours = {
         "arc": _arcs(),
         "free_path": _free_paths(),
+        "joint_curve": _joint_curves(),
         "joint_line": _joint_lines(),
         "line": _lines(),
         "point_to_point": _moves(),
         "polyline": _polylines(),
+        "program": _programs(),
         "spline": _splines(),
     }
     return ours | {short_name(file): _plugin(file) for file in outside("planners.paths")}
@@ -173,7 +205,7 @@ every_path = pytest.mark.parametrize(("name", "kind"), CASES, ids=[f"{n}, {k}" f
 
 
 def arm(path: Path) -> Any:
-    return path.robot if isinstance(path, JointLine | PointToPoint) else None
+    return path.robot if isinstance(path, JointLine | PointToPoint | JointCurve) else None
 
 
 def inside(path: Path, count: int = 40) -> tuple[Array, Array]:
@@ -369,6 +401,8 @@ TIGHT = {
     "line": (1.0 + 1e-9, 1.0 + 1e-9, 1.0 + 1e-9, 1.0 + 1e-4),
     "arc": (1.0 + 1e-9, 1.0 + 1e-9, 1.0 + 1e-9, 1.0 + 1e-4),
     "polyline": (1.0 + 1e-9, 1.6, 3.0, 3.5),
+    "program": (1.3, 1.6, 3.0, np.inf),
+    "joint_curve": (1.3, 1.3, 2.0, np.inf),
     "joint_line": (1.3, 1.3, 2.0, np.inf),
     "point_to_point": (1.3, 1.3, 2.0, np.inf),
     "spline": (1.1, 1.2, 1.3, 3.0),
@@ -439,7 +473,7 @@ def test_only_a_path_in_the_joints_gives_configurations(name: str, kind: str) ->
     robot = arm(path) or paper6r()
     s = np.linspace(0.0, path.end, 5)
     q = path.configurations(robot, s)
-    if name not in ("joint_line", "point_to_point"):
+    if name not in ("joint_curve", "joint_line", "point_to_point"):
         assert q is None
     else:
         assert q.shape == (5, robot.n)
