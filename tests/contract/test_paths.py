@@ -402,7 +402,7 @@ TIGHT = {
     "arc": (1.0 + 1e-9, 1.0 + 1e-9, 1.0 + 1e-9, 1.0 + 1e-4),
     "polyline": (1.0 + 1e-9, 1.6, 3.0, 3.5),
     "program": (1.3, 1.6, 3.0, np.inf),
-    "joint_curve": (1.3, 1.3, 2.0, np.inf),
+    "joint_curve": (1.3, 1.3, 2.5, np.inf),
     "joint_line": (1.3, 1.3, 2.0, np.inf),
     "point_to_point": (1.3, 1.3, 2.0, np.inf),
     "spline": (1.1, 1.2, 1.3, 3.0),
