@@ -2,7 +2,7 @@
 
 from optik import errors as errors
 from optik import ik as ik
-from optik.arm.inertia import Inertia
+from optik.arm.inertia import Inertia, Payload
 from optik.arm.library import load
 from optik.arm.limits import JointLimits
 from optik.arm.model import DHRow
@@ -22,6 +22,7 @@ __all__ = [
     "Inertia",
     "JointLimits",
     "OptikError",
+    "Payload",
     "Robot",
     "Scene",
     "Shapes",
