@@ -19,6 +19,7 @@ from planners.paths.polyline import Polyline
 from planners.paths.spline import Spline
 from planners.plan import Plan, PlanStatus, plan
 from planners.program.events import PathEvent, PeriodicEvent, TimedEvent
+from planners.program.file import load_program
 from planners.program.parts import Dwell, Move, Part, Program, ToolChange
 from planners.program.result import ProgramPlan
 from planners.replan import replan
@@ -62,6 +63,7 @@ __all__ = [
     "laws",
     "load_limits",
     "load_motion",
+    "load_program",
     "load_trajectory",
     "make_law",
     "make_path",

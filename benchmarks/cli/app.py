@@ -29,13 +29,14 @@ from benchmarks.cli.paths import (
     PolylineCommand,
     SplineCommand,
 )
+from benchmarks.cli.program import CheckProgramCommand, ProgramCommand
 from benchmarks.cli.robot import FkCommand, IkCommand, RobotsCommand
 from benchmarks.cli.runs import CompareCommand, DemoCommand, ReportCommand, RunCommand
 from optik.errors import InvalidMotion, NoSolution, OptikError, OutputError
 from optik.plugins import files
 
 COMMAND_PANELS = {
-    "First steps": ("robots", "ik", "fk", "plan"), "Motions": ("certify", "view", "drive", "cell"),
+    "First steps": ("robots", "ik", "fk", "plan"), "Motions": ("program", "certify", "view", "drive", "cell"),
     "Comparison of methods": ("demo", "bench"), "Installation": ("doctor", "kernels"),
 }  # fmt: skip
 """Panels of the help with their commands: first what a user needs first."""
@@ -65,6 +66,8 @@ plan_app = typer.Typer(help="Plan a motion and certify it.", no_args_is_help=Tru
 bench_app = typer.Typer(help="Compare methods: run a suite, write its report, list the suites.", no_args_is_help=True)
 app.add_typer(plan_app, name="plan")
 app.add_typer(bench_app, name="bench")
+program_app = typer.Typer(help="Programs of many parts: check a file.", no_args_is_help=True)
+app.add_typer(program_app, name="program")
 
 add_command(app, "robots", RobotsCommand, "robots")
 add_command(app, "fk", FkCommand, "fk 20,-35,40,25,50,-30")
@@ -76,6 +79,8 @@ add_command(plan_app, "spline", SplineCommand, "plan spline --waypoints scan.csv
 add_command(plan_app, "joints", JointsCommand, "plan joints --to-deg 0,0,10,0,30,0 --duration 4")
 add_command(plan_app, "ptp", PointToPointCommand, "plan ptp --waypoints cycle.csv")
 add_command(plan_app, "path", PathCommand, "plan path ./spiral.py --set radius=0.1")
+add_command(plan_app, "program", ProgramCommand, "plan program cycle.toml --out cycle.yaml --rate 125")
+add_command(program_app, "check", CheckProgramCommand, "program check cycle.toml")
 add_command(app, "certify", CertifyCommand, "certify log.csv --robot ur5e --ignore effort --jerk 100")
 add_command(app, "drive", DriveCommand, "drive line.json --on mujoco")
 add_command(app, "view", ViewCommand, "view line.json --html line.html")

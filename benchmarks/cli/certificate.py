@@ -27,11 +27,11 @@ def format_ratio(ratio: float) -> str:
     return f"{ratio:.9g}" if EXACT_EXCESS < ratio - 1.0 < 5e-3 else f"{ratio:.3g}"
 
 
-def describe_effort(proof: Any, robot: Any) -> str:
+def describe_effort(proof: Any, robot: Any, load: str = "") -> str:
     """Describe the mass model of a motion, its energy and its power."""
     payload = robot.payload
     net = round(proof.energy.net, 9) + 0.0  # neither rounding errors nor −0
-    load = "without payload" if payload is None else f"with {payload}"
+    load = load or ("without payload" if payload is None else f"with {payload}")
     words = (
         f"for this mass model, {load}: energy {net:.3g} J ({proof.energy.drawn:.3g} J without recovery while "
         f"braking), peak power {round(proof.energy.power, 9):.3g} W"
@@ -69,6 +69,8 @@ def print_certificate(plan: Any, by_law: tuple[str, ...]) -> None:
     proof, off = plan.certificate, plan.certificate.path_error
     limits = (*ALL_LIMITS, *proof.extra)
     way = f"{1e3 * plan.path.end:.1f} mm" if plan.path.unit == "m" else f"{np.degrees(plan.path.end):.4g}°"
+    arms, parts = getattr(plan.path, "robots", (plan.robot,)), getattr(plan, "parts", ())
+    way = f"{len(parts)} parts in {len(arms)} sections" if parts else way
     title = f"{plan.solver} + {plan.law}: {way} in {proof.duration:.4f} s"
     table = Table("", "peak / limit", "joint", "time, s", f"enforced by {plan.law}", title=title)
     for field in limits:
@@ -90,7 +92,8 @@ def print_certificate(plan: Any, by_law: tuple[str, ...]) -> None:
         f"{proof.singular_value:.3g} at {proof.t_singular_value:.3f} s, {SMOOTH[proof.continuous]}"
     )
     if proof.energy is not None:
-        out_console.print(describe_effort(proof, plan.robot))
+        loads = list(dict.fromkeys(str(arm.payload or "none") for arm in arms))
+        out_console.print(describe_effort(proof, plan.robot, f"with payloads {', '.join(loads)}" if loads[1:] else ""))
     if proof.clearance is not None:
         out_console.print(describe_clearance(proof.clearance))
     if plan.slowed > 1.0:

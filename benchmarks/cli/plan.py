@@ -134,9 +134,23 @@ class PlanCommand(MotionCommand, SceneCommand):
         """Return how joints without limits reach joints as goal."""
         return "nearest"
 
+    def choose_branch(self, start: Start, path: Any) -> str | None:
+        """Return the typed branch, or the default."""
+        return self.branch or choose_branch(start, path)
+
+    def plan(self, start: Start, path: Any, law: planners.TimeLaw, words: list[str]) -> planners.Plan:
+        """Return the plan; the words permit violations."""
+        import planners
+
+        arm = start.arm
+        return planners.plan(
+            arm, path, start.q, solver=self.solver, timing=law, limits=self.read_limits(arm, law), samples=self.samples,
+            branch=self.choose_branch(start, path), duration=self.duration, strict=self.strict, scene=self.load_scene(arm),
+            allow=words, avoid=self.avoid, winding=self.choose_winding(),
+        )  # fmt: skip
+
     def run(self) -> None:
         """Plan, write and print; exit with status 1 without a motion, or if ``--allow`` does not permit its violations."""
-        import planners
         from planners.certificate.certificate import find_forbidden
         from planners.certificate.violation import LIMIT_WORDS, words_for
 
@@ -145,12 +159,7 @@ class PlanCommand(MotionCommand, SceneCommand):
         path = self.make_path(start)
         allow, arm = read_allowed(self.allow), start.arm
         law = self.make_law()
-        plan = planners.plan(
-            arm, path, start.q, solver=self.solver, timing=law, limits=self.read_limits(arm, law), samples=self.samples,
-            branch=self.branch or choose_branch(start, path), duration=self.duration, strict=self.strict,
-            scene=self.load_scene(arm), allow=[word for word in allow if word in LIMIT_WORDS], avoid=self.avoid,
-            winding=self.choose_winding(),
-        )  # fmt: skip
+        plan = self.plan(start, path, law, [word for word in allow if word in LIMIT_WORDS])
         refused = find_forbidden(plan.certificate, allow) if plan.has_motion else ()
         valid = plan.has_motion and not refused
         sent = None

@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from optik import se3
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput, NoSolution
 from optik.ik import SolverLike, Tolerance, get_solver
@@ -29,7 +28,7 @@ from planners.paths.goal import unwind
 from planners.paths.joint_line import JointLine
 from planners.paths.line import Line
 from planners.planning.result import Plan
-from planners.program.parts import Dwell, Move, Part, Program, ToolChange
+from planners.program.parts import Dwell, Move, Part, Program, ToolChange, displace
 
 MOST_SAMPLES_A_PART = 31
 """Largest number of samples of each part for the IK method."""
@@ -189,7 +188,7 @@ class PartFollower:
             return None
         if isinstance(part.goal, Path):
             return part.goal
-        return Line(pose, _displace(pose, part.goal))
+        return Line(pose, displace(pose, part.goal))
 
     def _follow_path(self, robot: Robot, path: Path, q: Array | None, branch: str) -> Any:
         options = self.options
@@ -210,7 +209,7 @@ class PartFollower:
             elif isinstance(goal, Path):
                 path = goal
             elif isinstance(goal, Move) or goal.ndim == 2:
-                path = Line(robot.fk(q), _displace(robot.fk(q), goal))
+                path = Line(robot.fk(q), displace(robot.fk(q), goal))
             else:
                 end = check_start(robot, goal, "goal")
                 path = JointLine(robot, q, unwind(robot, end, q) if self.options.winding == "nearest" else end)
@@ -295,13 +294,3 @@ def _is_cartesian(part: Part) -> bool:
     if isinstance(part.goal, Path):
         return not part.goal.in_joints
     return isinstance(part.goal, Move) or (part.goal.ndim == 2 and part.move != "joint")
-
-
-def _displace(pose: Array, goal: Any) -> Array:
-    """Return the goal of a line from a pose: itself, or the pose moved by a vector."""
-    if not isinstance(goal, Move):
-        return np.asarray(goal)
-    moved = pose.copy()
-    vector = np.asarray(goal.vector)
-    moved[:3, 3] += pose[:3, :3] @ vector if goal.frame == "tool" else vector
-    return se3.nearest_pose(moved)

@@ -15,7 +15,7 @@ from optik.arm.inertia import Payload
 from optik.arm.robot import Robot
 from optik.check import check_number, real_array
 from optik.errors import InvalidInput
-from optik.se3 import check_pose
+from optik.se3 import check_pose, nearest_pose
 from optik.types import Array
 from planners.choice.first_paths import check_avoid
 from planners.paths.base import Path
@@ -269,6 +269,15 @@ class Program:
         ends = [0, *find_reversals(poses, blend, blend_rotation), len(poses) - 1]
         pieces = [poses[a : b + 1] for a, b in itertools.pairwise(ends)]
         return cls([Part(Polyline(piece, blend=blend, blend_rotation=blend_rotation)) for piece in pieces])
+
+
+def displace(pose: Array, goal: Any) -> Array:
+    """Return the goal of a line from a pose: itself, or the pose moved by a vector."""
+    if not isinstance(goal, Move):
+        return np.asarray(goal)
+    moved, vector = pose.copy(), np.asarray(goal.vector)
+    moved[:3, 3] += pose[:3, :3] @ vector if goal.frame == "tool" else vector
+    return nearest_pose(moved)
 
 
 def _read_finite(value: Any, shape: tuple[int, ...], argument: str, expected: str) -> Array:

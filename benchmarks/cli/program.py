@@ -1,0 +1,144 @@
+"""`optik plan program` and `optik program check`: a motion of many parts from a TOML file, and its parts in words."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from rich.table import Table
+
+import optik
+from benchmarks.cli.command import JsonCommand, Start, argument, option, out_console, print_json
+from benchmarks.cli.plan import PlanCommand
+from optik.arm.model import unit_factors
+
+if TYPE_CHECKING:
+    import planners
+    from planners.program.file import ProgramFile
+
+FILE_HELP = "Program in TOML; docs/programs.md lists its keys."
+"""Help of the argument."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProgramCommand(PlanCommand):
+    """Plan and certify a program: many parts as one motion, with rounded corners, stops, waits and changes of the tool.
+
+    The file may name the arm, the start and events.
+    """
+
+    file: Path = argument("FILE", FILE_HELP)
+    robot: str = option(
+        "Robot",
+        "A name from `optik robots`, or a file, instead of the arm that the program names.",
+        "",
+        "--robot",
+        "-r",
+    )
+
+    def load_start(self) -> Start:
+        """Load the robot and the program's start, unless another one is typed."""
+        content = self._read()
+        arm = content.robot if not self.robot else self.load()
+        if self.start_deg.strip():
+            return replace(self, robot=self.robot or "paper6r")._typed_start(arm)
+        return Start(arm, content.start, "")
+
+    def _typed_start(self, arm: optik.Robot) -> Start:
+        from benchmarks.cli.readers import read_configuration
+
+        return Start(arm, read_configuration(arm, self.start_deg), "")
+
+    def _read(self) -> ProgramFile:
+        from planners.program.file import load_program
+
+        return load_program(self.file, self.load() if self.robot else None)
+
+    def make_path(self, start: Start) -> Any:
+        """Return the program."""
+        return self._read().program
+
+    def choose_branch(self, start: Start, path: Any) -> str | None:
+        """Return the typed branch: the parts choose theirs."""
+        return self.branch
+
+    def plan(self, start: Start, path: Any, law: Any, words: list[str]) -> planners.Plan:
+        """Return the plan with the events of the file."""
+        import planners
+
+        found = super().plan(start, path, law, words)
+        assert isinstance(found, planners.ProgramPlan)
+        return found.schedule(self._read().events) if found.has_motion else found
+
+
+@dataclass(frozen=True, kw_only=True)
+class CheckProgramCommand(JsonCommand):
+    """Check a program and show its parts, without planning it. A mistake is one line: part, key, and what is allowed."""
+
+    file: Path = argument("FILE", FILE_HELP)
+    robot: str = option("Robot", "The arm, instead of the one that the program names.", "", "--robot", "-r")
+
+    def run(self) -> None:
+        """Print the parts."""
+        from planners.program.file import load_program
+
+        content = load_program(self.file, self.robot or None)
+        rows = [_describe(item, content.robot) for item in content.program.items]
+        if self.as_json:
+            print_json({"robot": content.robot.name, "items": rows, "events": len(content.events)})
+            return
+        table = Table("", "name", "motion", "at its end", "limits", title=f"{self.file.name} on {content.robot.name}")
+        number = 0
+        for row in rows:
+            number += "motion" in row
+            cells = [
+                str(number) if "motion" in row else "",
+                row.get("name", ""),
+                row.get("motion", row.get("change", "")),
+            ]
+            table.add_row(*cells, row.get("end", ""), row.get("limits", ""))
+        out_console.print(table)
+        out_console.print(f"{len(content.program.parts)} parts, {len(content.events)} events: no errors")
+
+
+def _describe(item: Any, arm: optik.Robot) -> dict[str, str]:
+    """Return an item of a program in words."""
+    from planners import Dwell, ToolChange
+    from planners.program.parts import Keep
+
+    if isinstance(item, Dwell):
+        return {"change": f"wait of {item.seconds:g} s"}
+    if isinstance(item, ToolChange):
+        changed, words = item.apply(arm), []
+        words += [f"tool at {_millimetres(changed.tool[:3, 3])} mm"] if not isinstance(item.tool, Keep) else []
+        words += [f"payload {changed.payload or 'none'}"] if not isinstance(item.payload, Keep) else []
+        return {"change": ", ".join(words)}
+    limits = [(item.tool_speed, 1e3, "mm/s"), (item.rotation_speed, 180.0 / np.pi, "°/s")]
+    words = ", ".join(f"{value * factor:.4g} {unit}" for value, factor, unit in limits if value is not None)
+    zone, turn = item.zone
+    end = f"rounded within {1e3 * zone:.4g} mm, {np.degrees(turn):.3g}°" if zone else "stop"
+    return {"name": item.name or "", "motion": _motion(item, arm), "end": end, "limits": words}
+
+
+def _motion(part: Any, arm: optik.Robot) -> str:
+    """Return the motion of a part in words."""
+    from planners import Move, Path
+
+    around = ", around obstacles" if part.avoid is not False else ""
+    if isinstance(part.goal, Path):
+        size = f"{1e3 * part.goal.end:.4g} mm" if part.goal.unit == "m" else f"{part.goal.end:.4g} rad"
+        return f"{part.goal.name.replace('_', ' ')} of {size}{around}"
+    if isinstance(part.goal, Move):
+        return f"line by {_millimetres(part.goal.vector)} mm in the frame of the {part.goal.frame}"
+    if part.goal.ndim == 1:
+        return (
+            f"joints to {', '.join(f'{x:.4g}' for x in part.goal * unit_factors(arm))} [degrees, prismatic mm]{around}"
+        )
+    kind = "joints" if part.move == "joint" else "line"
+    return f"{kind} to the pose at {_millimetres(part.goal[:3, 3])} mm{around}"
+
+
+def _millimetres(position: Any) -> str:
+    return ", ".join(f"{1e3 * x:.4g}" for x in np.asarray(position))

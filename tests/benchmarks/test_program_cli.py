@@ -1,0 +1,79 @@
+"""`optik plan program` and `optik program check`: the examples, what they print and write, and one line for a mistake."""
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+import planners
+from benchmarks.cli.app import app
+from tests.oracles import REPOSITORY
+
+EXAMPLES = REPOSITORY / "examples" / "programs"
+LIMITS = ["--acceleration", "10", "--jerk", "100"]
+
+
+def run(*words: str | Path) -> Result:
+    return CliRunner().invoke(app, [str(word) for word in words])
+
+
+def test_a_program_is_planned_written_viewed_and_sent(tmp_path: Path) -> None:
+    done = run("plan", "program", EXAMPLES / "pick_and_place.toml", *LIMITS, "--out", tmp_path / "m.json")
+    assert done.exit_code == 0, done.output
+    assert "7 parts in 3 sections" in done.output and "certificate valid" in done.output
+    assert "with payloads none, 1.5 kg" in " ".join(done.output.split())
+    motion = planners.load_motion(tmp_path / "m.json")
+    assert [event.signal for event in motion.events] == ["grip", "grip"] and motion.certificate.is_valid
+    assert run("view", tmp_path / "m.json", "--html", tmp_path / "m.html").exit_code == 0
+    sent = run(
+        "plan", "program", EXAMPLES / "pick_and_place.toml", *LIMITS, "--out", tmp_path / "m.yaml", "--rate", "125"
+    )
+    assert sent.exit_code == 0 and (tmp_path / "m.events.json").exists(), sent.output
+
+
+def test_another_arm_and_another_start_can_be_typed(tmp_path: Path) -> None:
+    (tmp_path / "p.toml").write_text(
+        'robot = "ur5e"\nstart = [0, -90, 90, -90, -90, 0]\n[[part]]\nvector_mm = [0, 0, 50]\n'
+    )
+    done = run("plan", "program", tmp_path / "p.toml", *LIMITS, "--json")
+    assert json.loads(done.stdout)["robot"] == "ur5e"
+    other = run(
+        "plan",
+        "program",
+        tmp_path / "p.toml",
+        "--robot",
+        "ur10e",
+        "--start-deg",
+        "10,-80,90,-90,-90,0",
+        *LIMITS,
+        "--json",
+    )
+    data = json.loads(other.stdout)
+    assert data["robot"] == "ur10e" and data["knots"]["q"][0][0] == pytest.approx(0.174533, abs=1e-6)
+
+
+def test_check_shows_the_parts_and_a_mistake_is_one_line(tmp_path: Path) -> None:
+    done = run("program", "check", EXAMPLES / "weld_seam.toml")
+    assert done.exit_code == 0 and "5 parts, 2 events: no errors" in done.output
+    rows = json.loads(run("program", "check", EXAMPLES / "pick_and_place.toml", "--json").stdout)["items"]
+    assert rows[1] == {
+        "name": "pick",
+        "motion": "line by 0, 0, 100 mm in the frame of the tool",
+        "end": "stop",
+        "limits": "250 mm/s",
+    }
+    assert rows[3] == {"change": "payload 1.5 kg"}
+    (tmp_path / "p.toml").write_text('robot = "ur5e"\n[[part]]\nname = "up"\nvector_mm = [0, 0]\n')
+    for command in (("program", "check"), ("plan", "program")):
+        wrong = run(*command, tmp_path / "p.toml")
+        assert wrong.exception is not None or wrong.exit_code == 2
+        assert "part 1 'up': vector_mm: expected 3 finite numbers" in str(wrong.exception)
+
+
+def test_a_part_that_cannot_be_followed_is_named(tmp_path: Path) -> None:
+    (tmp_path / "p.toml").write_text(
+        'robot = "ur5e"\nstart = [0, -90, 90, -90, -90, 0]\n[[part]]\nname = "far"\nvector_mm = [0, 0, 1500]\n'
+    )
+    done = run("plan", "program", tmp_path / "p.toml", *LIMITS)
+    assert "part 1 'far' (line)" in str(done.exception)
