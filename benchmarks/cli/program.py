@@ -116,10 +116,10 @@ def _describe(item: Any, arm: optik.Robot) -> dict[str, str]:
         words += [f"payload {changed.payload or 'none'}"] if not isinstance(item.payload, Keep) else []
         return {"change": ", ".join(words)}
     limits = [(item.tool_speed, 1e3, "mm/s"), (item.rotation_speed, 180.0 / np.pi, "°/s")]
-    words = ", ".join(f"{value * factor:.4g} {unit}" for value, factor, unit in limits if value is not None)
+    speeds = ", ".join(f"{value * factor:.4g} {unit}" for value, factor, unit in limits if value is not None)
     zone, turn = item.zone
     end = f"rounded within {1e3 * zone:.4g} mm, {np.degrees(turn):.3g}°" if zone else "stop"
-    return {"name": item.name or "", "motion": _motion(item, arm), "end": end, "limits": words}
+    return {"name": item.name or "", "motion": _motion(item, arm), "end": end, "limits": speeds}
 
 
 def _motion(part: Any, arm: optik.Robot) -> str:
