@@ -52,7 +52,14 @@ def describe_show(show: Show) -> tuple[dict[str, Any], Facts]:
             data[name] = describe_track(track) | _describe_load(show.robot, track) | pairs.describe(track.q)
     beam = None if show.beam is None else [point.tolist() for point in show.beam]
     before = None if show.before is None else _numbers(show.before)
-    return data | {"clearance": pairs.to_dict(), "beam": beam, "before": before}, facts
+    zones, events = [_numbers(zone) for zone in show.zones], None if show.events is None else _numbers(show.events)
+    return data | {
+        "clearance": pairs.to_dict(),
+        "beam": beam,
+        "before": before,
+        "zones": zones,
+        "events": events,
+    }, facts
 
 
 def list_plots(robot: Robot, data: dict[str, Any]) -> list[tuple[str, str, str]]:

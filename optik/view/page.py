@@ -164,8 +164,10 @@ def make_page(show: Show) -> str:
     data, facts = describe_show(show)
     legend = {"path": "path", "executed": "executed", "planned": "planned arm", "beam": "laser beam", "scene": "scene"}
     legend |= {"payload": "centre of the payload", "near": "nearest pair", "before": "initial path"}
+    legend |= {"zone": "rounded corners", "event": "events"}
     there = {"path": True, "executed": show.executed, "planned": show.executed, "beam": show.beam, "scene": show.scene}
     there |= {"payload": data["payload"], "near": data["clearance"], "before": data["before"]}
+    there |= {"zone": data["zones"], "event": data["events"]}
     return _template("page.html.j2").render(
         show=show,
         bars=Markup(Card(title="", bars=show.bars).to_html()),

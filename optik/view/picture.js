@@ -122,7 +122,7 @@ const Picture = (canvas, labels, data, arm, tracks) => {
     return [1, 3, 5].map(k => parseInt(text.slice(k, k + 2), 16) / 255);
   };
   const theme = () => {
-    const names = ["back", "arm", "link", "path", "executed", "planned", "beam", "scene", "edges", "near", "contact", "payload", "before", "grid",
+    const names = ["back", "arm", "link", "path", "executed", "planned", "beam", "scene", "edges", "near", "contact", "payload", "before", "zone", "event", "grid",
       "mark", "x", "y", "z"];
     colours = Object.fromEntries(names.map(name => [name, colour(name)]));
   };
@@ -131,7 +131,7 @@ const Picture = (canvas, labels, data, arm, tracks) => {
     if (!surface) return false;
     const { lines, capsules: round, triangles } = surface;
     layers = {
-      grid: lines(), path: lines(), executed: lines(), planned: lines(), beam: lines(), before: lines(), edges: lines(), near: lines(),
+      grid: lines(), path: lines(), executed: lines(), planned: lines(), beam: lines(), before: lines(), zone: lines(), event: lines(), edges: lines(), near: lines(),
       x: lines(), y: lines(), z: lines(), arm: round(), second: round(), marks: round(), rounds: round(),
       solids: triangles(), planes: triangles(),
     };
@@ -139,6 +139,9 @@ const Picture = (canvas, labels, data, arm, tracks) => {
     layers.path.set([path]);
     layers.beam.set(data.beam ? [data.beam] : []);
     layers.before.set(data.before ? [rows(data.before, 3)] : []);
+    layers.zone.set((data.zones || []).map(zone => rows(zone, 3)));
+    const size = 0.02 * reach, axes = [[size, 0, 0], [0, size, 0], [0, 0, size]];
+    layers.event.set((data.events ? rows(data.events, 3) : []).flatMap(p => axes.map(d => [minus(p, d), p.map((x, k) => x + d[k])])));
     const flat = boxes.flatMap(faces);
     layers.solids.set([...flat.flatMap((v, k) => (k % 2 ? [] : [[v, flat[k + 1]]])), ...cylinders.flatMap(sides),
       ...meshes.flatMap(m => m.faces.flatMap(([a, b, c]) => [a, b, c].map(p => [p, cross(minus(b, a), minus(c, a))])))]);
@@ -184,7 +187,7 @@ const Picture = (canvas, labels, data, arm, tracks) => {
 
   const paintLines = (gl, names, alpha) => {
     const { line } = surface;
-    const widths = { grid: 1, edges: 1.5, near: 3, path: 5, executed: 2.5, planned: 2.5, beam: 3, before: 2, x: 3, y: 3, z: 3 };
+    const widths = { grid: 1, edges: 1.5, near: 3, path: 5, executed: 2.5, planned: 2.5, beam: 3, before: 2, zone: 6, event: 3, x: 3, y: 3, z: 3 };
     line.use();
     gl.uniformMatrix4fv(line.at("camera"), false, camera.matrix);
     gl.uniform2f(line.at("viewport"), gl.drawingBufferWidth, gl.drawingBufferHeight);
@@ -213,7 +216,7 @@ const Picture = (canvas, labels, data, arm, tracks) => {
     camera.update();
     label(poses);
     if (!surface) return;
-    const { gl, solid, mesh } = surface, traces = ["before", "path", "executed", "planned", "beam", "near", "x", "y", "z"];
+    const { gl, solid, mesh } = surface, traces = ["before", "path", "zone", "event", "executed", "planned", "beam", "near", "x", "y", "z"];
     move(poses, beside);
     gl.viewport(0, 0, width, height);
     gl.clearColor(...colours.back, 1);

@@ -98,6 +98,10 @@ class Show:
         Peak values as fractions of their limits.
     before : (m, 3) array or None
         Points of the tool along the way around obstacles near which the path began [m].
+    zones : tuple of (m, 3) arrays
+        Points of the path in its rounded corners [m].
+    events : (m, 3) array or None
+        Where the tool is at the events of the motion [m].
     """
 
     robot: Robot
@@ -111,6 +115,8 @@ class Show:
     facts: tuple[tuple[str, str], ...] = ()
     before: Array | None = None
     bars: Sequence[Bar] = ()
+    zones: tuple[Array, ...] = ()
+    events: Array | None = None
 
     @property
     def duration(self) -> float:

@@ -11,10 +11,13 @@ from optik.scene import Scene
 from optik.types import Array
 from optik.view.show import Show, Track
 from planners.certificate.certificate import Certificate, limit_bars
+from planners.certificate.sections import find_stops
 from planners.limits import MotionLimits, sides
 from planners.motion.motion import HasMotion, Motion, get_motion
 from planners.paths.base import Path
+from planners.paths.joint_curve import JointCurve
 from planners.paths.point_to_point import PointToPoint
+from planners.paths.program import ProgramPath
 from planners.trajectory import Trajectory
 
 MOST_INSTANTS = 2000
@@ -23,6 +26,8 @@ SAMPLE_PERIOD = 0.004
 """Interval between instants of a short motion [s]; cubics between them deviate by at most 1e-7 rad at usual jerks."""
 PATH_POINTS = 400
 """Number of drawn points of a path."""
+ZONE_POINTS, MOST_EVENTS = 24, 12
+"""Drawn points of a rounded corner, and events that are listed."""
 PLOT_LIMITS = {"dq": "velocity", "ddq": "acceleration", "jerk": "jerk", "torque": "torque"}
 """Quantities that a viewer plots with a limit of the motion, and the name of that limit."""
 
@@ -53,8 +58,13 @@ def show_motion(motion: Motion | HasMotion) -> Show:
         proof = found.certify()
     title, path = f"{found.robot.name}: {found.law or 'a motion'}", sample_path(found.path)
     shown = show_trajectory(found.robot, found.trajectory, proof, found.limits, found.scene)
-    facts = (*motion_facts(found), *shown.facts)
-    return replace(shown, title=title, path=path, facts=facts, before=sample_first_way(found.path))
+    facts = (*motion_facts(found), *_program_facts(found), *shown.facts)
+    at = [event.t for event in found.events]
+    events = found.robot.fk(found.trajectory(np.array(at)))[:, :3, 3] if at else None
+    before = sample_first_way(found.path)
+    return replace(
+        shown, title=title, path=path, facts=facts, before=before, zones=sample_zones(found.path), events=events
+    )
 
 
 def show_trajectory(
@@ -99,7 +109,35 @@ def sample_path(path: Path) -> Array:
     return np.asarray(path.pose(s)[:, :3, 3], dtype=np.float64)
 
 
+def sample_zones(path: Path) -> tuple[Array, ...]:
+    """Return the points of a path in each of its rounded corners, of a program."""
+    zones = []
+    for start, section in zip(path.starts, path.sections, strict=False) if isinstance(path, ProgramPath) else ():
+        if not isinstance(section, JointCurve):
+            continue
+        rounded = section.owners[:, 0] != section.owners[:, 1]
+        for part in np.unique(section.owners[rounded, 0]):
+            pieces = np.flatnonzero(rounded & (section.owners[:, 0] == part))
+            s = np.linspace(section.breaks[pieces[0]], section.breaks[pieces[-1] + 1], ZONE_POINTS)
+            zones.append(np.asarray(path.pose(start + s)[:, :3, 3]))
+    return tuple(zones)
+
+
 # ---------------------------------------------------------------- facts
+
+
+def _program_facts(motion: Motion) -> tuple[tuple[str, str], ...]:
+    """Return the sections and the events of a program as rows."""
+    if not isinstance(motion.path, ProgramPath):
+        return ()
+    path = motion.path
+    stops = ", ".join(f"{time.rest:.3f} s" for time in find_stops(path, motion.trajectory, motion.span)[:-1])
+    rows = [
+        ("Program", f"{path.segments} parts, {len(path.sections)} sections{f'; stops at {stops}' if stops else ''}")
+    ]
+    rows += [("Event", f"{event.signal} = {event.value} at {event.t:.4f} s") for event in motion.events[:MOST_EVENTS]]
+    more = len(motion.events) - MOST_EVENTS
+    return (*rows, *([("Event", f"and {more} more")] if more > 0 else []))
 
 
 def motion_facts(motion: Motion) -> tuple[tuple[str, str], ...]:

@@ -3,11 +3,13 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
 import planners
 from benchmarks.cli.app import app
+from planners.motion.show import show_motion
 from tests.oracles import REPOSITORY
 
 EXAMPLES = REPOSITORY / "examples" / "programs"
@@ -26,6 +28,13 @@ def test_a_program_is_planned_written_viewed_and_sent(tmp_path: Path) -> None:
     motion = planners.load_motion(tmp_path / "m.json")
     assert [event.signal for event in motion.events] == ["grip", "grip"] and motion.certificate.is_valid
     assert run("view", tmp_path / "m.json", "--html", tmp_path / "m.html").exit_code == 0
+    page = (tmp_path / "m.html").read_text()
+    assert all(
+        words in page for words in ("rounded corners", "events", "7 parts, 3 sections; stops at", "grip = True at")
+    )
+    shown = show_motion(motion)
+    assert len(shown.zones) == 4 and shown.events.shape == (2, 3)
+    np.testing.assert_allclose(shown.events[:, 2], min(shown.path[:, 2]), atol=1e-6)
     sent = run(
         "plan", "program", EXAMPLES / "pick_and_place.toml", *LIMITS, "--out", tmp_path / "m.yaml", "--rate", "125"
     )
