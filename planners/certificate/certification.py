@@ -111,7 +111,7 @@ def _certify_sections(
     for i, (begin, _, end) in zip(which, times, strict=True):
         motion = cut_between(trajectory, begin, end)
         a, b = (float(np.clip(s - path.starts[i], 0.0, path.sections[i].end)) for s in span)
-        own, changed = limits_of_parts(limits, path.firsts[i], path.firsts[i + 1]), before if begin == 0.0 else None
+        own, changed = limits_of_parts(limits, path.firsts[i], path.firsts[i + 1]), before if i == which[0] else None
         proofs.append(certify(path.robots[i], path.sections[i], motion, own, span=(a, b), before=changed, **criteria))
     return merge_certificates(path.robots[0], path.starts[which], trajectory, proofs, [time.begin for time in times])
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
-from optik.types import Array
+from optik.types import Array, Flags
 from planners.certificate.analysis import MotionAnalysis
 from planners.certificate.certificate import Certificate, LimitedPart
 from planners.certificate.checks import (
@@ -30,6 +30,8 @@ from planners.trajectory import Trajectory, cut_after, cut_before
 
 STILL = 1e-9
 """Largest velocity at a stop [rad/s, m/s]: rounding."""
+UNMOVED = 1e-12
+"""Largest distance [rad, m] that a joint goes in a piece of a motion that is a wait."""
 AT_STOP = 1e-6
 """Largest distance of a stop from its configuration, of the tool from its pose [m, rad]."""
 
@@ -55,9 +57,10 @@ class SectionTimes(NamedTuple):
 def find_stops(path: ProgramPath, trajectory: Trajectory, span: tuple[float, float] | None) -> list[SectionTimes]:
     """Return the times of the sections that a motion covers."""
     which = path.find_sections((0.0, path.end) if span is None else span)
-    knots = trajectory.knots
+    knots, rests = trajectory.knots, _find_rests(trajectory)
     still = np.flatnonzero(np.abs(trajectory(knots, 1)).max(axis=1) <= STILL)
-    times, begin, last = [], 0.0, 0
+    times, last = list[SectionTimes](), _skip_rests(rests, 0) if not rests.all() else 0
+    begin = float(knots[last])
     for i in which[:-1]:
         robot, section = path.robots[i], path.sections[i]
         at = still[still > last]
@@ -66,13 +69,27 @@ def find_stops(path: ProgramPath, trajectory: Trajectory, span: tuple[float, flo
         if not near.any():
             missing = f"no rest at s = {path.starts[i + 1]:.6g}"
             raise InvalidInput("trajectory", missing, f"a motion that stops after each of {len(which)} sections")
-        first = k = int(np.argmax(near))
-        while k + 1 < at.size and at[k + 1] == at[k] + 1 and near[k + 1]:  # the wait
-            k += 1
-        last = int(at[k])
-        times.append(SectionTimes(begin, float(knots[at[first]]), float(knots[last])))
+        first = int(at[np.argmax(near)])
+        last = _skip_rests(rests, first)
+        times.append(SectionTimes(begin, float(knots[first]), float(knots[last])))
         begin = times[-1].end
-    return [*times, SectionTimes(begin, trajectory.end, trajectory.end)]
+    moving = np.flatnonzero(~rests[last:])
+    rest = knots[last + moving[-1] + 1] if moving.size else trajectory.end  # a hold
+    return [*times, SectionTimes(begin, float(rest), trajectory.end)]
+
+
+def _find_rests(trajectory: Trajectory) -> Flags:
+    """Return which pieces (m,) of a motion stay where they are."""
+    powers = np.arange(len(trajectory.coefficients) - 1, 0, -1)[:, None, None]
+    moved = np.abs(trajectory.coefficients[:-1]) * np.diff(trajectory.knots)[:, None] ** powers
+    return np.asarray(moved.max(axis=(0, 2), initial=0.0) <= UNMOVED)
+
+
+def _skip_rests(rests: Flags, k: int) -> int:
+    """Return the knot at which a motion goes on that rests from knot k on, or k."""
+    while k < rests.size and rests[k]:
+        k += 1
+    return k
 
 
 def cut_between(trajectory: Trajectory, begin: float, end: float) -> Trajectory:

@@ -52,15 +52,26 @@ def _stretches(
     count[back] = 0
     parted = np.repeat(np.arange(count.size), count)  # intervals, once for each change in them
     if not parted.size:
-        return piece, t[:-1], t[1:], limit
+        return _merge(piece, t[:-1], limit, t[-1])
     nth = np.arange(parted.size) - np.repeat(np.cumsum(count) - count, count)
     crossed = changes[np.searchsorted(changes, first[parted]) + nth]
-    when = _crossings(bounds, path, piece[parted], (t[parted], t[parted + 1]), inner[crossed])
+    knots = t[passage.knot]
+    within = (knots[piece[parted]], knots[piece[parted] + 1]) if not back.any() else (t[parted], t[parted + 1])
+    when = _crossings(bounds, path, piece[parted], within, inner[crossed])
     begin, after = np.concatenate([t[:-1], when]), np.concatenate([limit, on_pieces[crossed + 1]])
     owner = np.concatenate([piece, piece[parted]])
     order = np.lexsort((np.arange(begin.size), begin))
-    begin = begin[order]
-    return owner[order], begin, np.append(begin[1:], t[-1]), after[order]
+    return _merge(owner[order], begin[order], after[order], t[-1])
+
+
+def _merge(piece: Indices, begin: Array, limit: Array, end: float) -> tuple[Indices, Array, Array, Array]:
+    """Return intervals as `_stretches`, without bounds between two of one piece and one limit.
+
+    Thus the ratio does not depend on the intervals of the projection, which are others for a motion from a file.
+    """
+    kept = np.append(True, (piece[1:] != piece[:-1]) | (limit[1:] != limit[:-1]))
+    begin = begin[kept]
+    return piece[kept], begin, np.append(begin[1:], end), limit[kept]
 
 
 def _crossings(bounds: MotionBounds, path: Path, piece: Indices, ends: tuple[Array, Array], places: Array) -> Array:

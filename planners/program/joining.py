@@ -104,6 +104,10 @@ def round_corners(
             half.append(0.0)
             why.append("the path reverses its direction there")
             continue
+        if (zone <= 0.0).any():
+            half.append(0.0)
+            why.append("its zone is not larger than the tolerance")
+            continue
         half.append(find_half_width(robot, one, two, zone, most))
         why.append("the shorter of its parts ends" if half[-1] >= most else "")
     for i, curve in enumerate(curves[1:-1]):

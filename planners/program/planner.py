@@ -92,7 +92,8 @@ class ProgramPlanner:
                     name = self.program.parts[leg.part].name
                     exact = leg.joint_path is None or len(chosen) == 1 or leg.path.in_joints
                     deviation = (0.0, 0.0) if exact or leg.joint_path is None else leg.joint_path.bound
-                    parts.append(PartRecord(name, leg.path, len(sections), at + a, at + b, deviation))
+                    path = plan.path if len(chosen) == 1 else leg.path  # a plan chooses the shape of a part alone
+                    parts.append(PartRecord(name, path, len(sections), at + a, at + b, deviation))
                 first = chosen[0].part
                 corners += [replace(c, part=c.part + first, begin=c.begin + at, end=c.end + at) for c in own]
                 sections.append(plan)

@@ -14,6 +14,8 @@ from optik.types import Array
 from planners.certificate.sections import SectionTimes, cut_between, limits_of_parts
 from planners.following.joint_path import find_nearest_s
 from planners.limits import TOOL_SPEEDS, MotionLimits
+from planners.paths.free_path import FreePath
+from planners.paths.point_to_point import PointToPoint
 from planners.paths.program import ProgramPath
 from planners.plan import Plan, plan
 from planners.program.events import Scheduled, TimedEvent
@@ -41,26 +43,32 @@ def replan_program(
     if measured and np.abs(motion(t) - state[0]).max() > OFF_MOTION:  # at rest, where the motion does not stop
         k, t = _find_nearest_section(running, np.asarray(state[0]))
     i, sections = running.covered[k], list(running.sections)
-    section, left = _as_running(running, i, times[k]), times[k].end - t
+    waiting = t < times[k].begin  # the first section
+    section, left = _as_running(running, i, times[k]), (times[k].begin if waiting else times[k].end) - t
     whole = section.span is None or section.span[1] >= section.path.end * (1.0 - AT_END)
-    onward = range(i + 1, len(sections))
+    onward = range(i if waiting else i + 1, len(sections))
     limits = running.limits if changed["limits"] is None else _merge_limits(running, changed["limits"])
-    if whole and onward and t >= times[k].rest - BEFORE_END:
+    if t > times[-1].end or (whole and not onward and t >= times[k].rest):
+        _refuse_end(t, times[k])
+    if waiting or (whole and onward and t >= times[k].rest - BEFORE_END):
         if stop:
             raise InvalidInput(
                 "state", f"a state at rest, at t = {t:.6g} s", "a moving state; this one has already stopped"
             )
         covered = onward
     else:
-        sections[i] = one(
-            section, state if measured else t - times[k].begin, **_for_section(running, i, limits, changed)
-        )
+        own = changed if changed["limits"] is None else {**changed, "limits": _limits_of(running, i, limits)}
+        sections[i] = one(section, state if measured else t - times[k].begin, **own)
         if not sections[i]:
             return sections[i]
         covered, left = range(i, i + 1) if stop else range(i, len(sections)), 0.0
-    if not stop and any(value is not None for value in changed.values()):
+    if not stop:
         for j in onward:
-            sections[j] = _plan_again(sections[j], _for_section(running, j, limits, changed))
+            own = {**changed, "limits": _limits_of(running, j, limits), "scene": changed["scene"] or running.scene}
+            if changed["timing"] is None and own["limits"] == sections[j].limits and own["scene"] is sections[j].scene:
+                continue  # after a stop, sections may have older limits
+            chosen = isinstance(sections[j].path, FreePath | PointToPoint)  # a plan would choose another shape
+            sections[j] = one(sections[j], 0.0, **own) if chosen else _plan_again(sections[j], own)
             if not sections[j]:
                 return sections[j]
     found = build_plan(sections, running.waits, running.parts, running.corners, limits, (covered, max(left, 0.0)))
@@ -79,6 +87,14 @@ def _find_nearest_section(running: ProgramPlan, q: Array) -> tuple[int, float]:
     off = [float(np.abs(path(find_nearest_s(path, q, 0.0)) - q).max()) for path in paths]
     k = int(np.argmin(off))
     return k, running.times[k].begin
+
+
+def _refuse_end(t: float, last: SectionTimes) -> None:
+    """Raise InvalidInput for a time at which nothing but a wait is left."""
+    if t > last.end:
+        raise InvalidInput("state", f"the time {t:.9g}", f"a time in [0, {last.end:.9g}]")
+    end = f"the end of the program, with a wait of {last.end - t:.6g} s left"
+    raise InvalidInput("state", end, "a state before it, with some path left")
 
 
 def _as_running(running: ProgramPlan, i: int, when: SectionTimes) -> Plan:
@@ -108,11 +124,10 @@ def _merge_limits(running: ProgramPlan, limits: MotionLimits) -> MotionLimits:
     return replace(limits, **own)
 
 
-def _for_section(running: ProgramPlan, i: int, limits: MotionLimits, changed: dict[str, Any]) -> dict[str, Any]:
-    """Return the changed arguments for a section."""
+def _limits_of(running: ProgramPlan, i: int, limits: MotionLimits) -> MotionLimits:
+    """Return the limits of a section."""
     assert isinstance(running.path, ProgramPath)
-    first, last = running.path.firsts[i : i + 2]
-    return changed if changed["limits"] is None else changed | {"limits": limits_of_parts(limits, first, last)}
+    return limits_of_parts(limits, *running.path.firsts[i : i + 2])
 
 
 def _plan_again(section: Plan, changed: dict[str, Any]) -> Plan:

@@ -27,6 +27,9 @@ ENDED = 1e-9
 """Time before its end at which a motion counts as ended [s]: controllers count in nanoseconds."""
 BEFORE_END = 1e-6
 """Latest time of a measured state with a velocity or an acceleration, counted back from the end of the motion [s]."""
+SAME = 1e-9
+"""Largest distance [rad, m] of the end of a motion from the joint path at the path parameter that its law gave; a sweep's stop
+interpolates it."""
 STANDING = 1e-6
 """Speed and acceleration along the path [1/s, 1/s²] below which a measured state counts as stopped."""
 NEAREST_STARTS = 3
@@ -117,7 +120,8 @@ def s_at(plan: Plan, t: float) -> float:
     knots, places = _knot_table(plan)
     k = int(np.clip(np.searchsorted(knots, t, side="right") - 1, 0, knots.size - 2))
     if t >= knots[-1]:
-        return float(places[-1])
+        s, q = float(places[-1]), running(running.end)
+        return s if np.abs(joints(s) - q).max() <= SAME else find_nearest_s(joints, q, s)
     slack = 0.0 if running.s is not None else 0.1 * float(places[k + 1] - places[k])
     low, high = max(float(places[k]) - slack, 0.0), min(float(places[k + 1]) + slack, joints.end)
     q = running(t)
