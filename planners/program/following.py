@@ -25,6 +25,7 @@ from planners.paths.base import Path
 from planners.paths.configurations import choose_configurations
 from planners.paths.free_path import FreePath
 from planners.paths.goal import unwind
+from planners.paths.joint_curve import JointCurve
 from planners.paths.joint_line import JointLine
 from planners.paths.line import Line
 from planners.planning.result import Plan
@@ -34,6 +35,10 @@ MOST_SAMPLES_A_PART = 31
 """Largest number of samples of each part for the IK method."""
 GAP = 1e-6
 """Largest distance [m, rad] of the start of a part's path from the end of the part before, which counts as rounding."""
+MOST_MOVED = 3.0
+"""Largest distance of the tool from a part whose gap fades out along it, over the largest gap."""
+NO_GAP = 1e-12
+"""Rounding of the joints [rad, m] where the tool's path is solved for again."""
 FOLLOWED = 0.95
 """Fraction of its share of the tolerance that following may use."""
 ADVICE = "another goal or path of this part, or joints as the goal of a part before it"
@@ -206,6 +211,8 @@ class PartFollower:
         try:
             if chosen is not None:
                 path: Path = JointLine(robot, q, chosen)
+            elif isinstance(goal, JointCurve):  # one part has one tool speed
+                path = JointCurve(goal.robot, goal.s, goal.q, goal.derivatives, breaks=goal.breaks)
             elif isinstance(goal, Path):
                 path = goal
             elif isinstance(goal, Move) or goal.ndim == 2:
@@ -225,9 +232,32 @@ class PartFollower:
             raise InvalidInput(f"{label}: {error.argument}", error.got, error.expected) from None
         if followed.failure is not None:
             return self.explain(part, path, followed.failure)
-        joints = followed.joint_path
+        path, joints = self._close_gap(part, robot, path, followed.joint_path, q)
         last = joints.q[-1]
         return Leg(self.program.parts.index(part), robot, path, joints, (q, last))
+
+    def _close_gap(self, part: Part, robot: Robot, path: Path, joints: JointPath, q: Array) -> tuple[Path, JointPath]:
+        """Return a followed part that begins exactly where the arm is: a gap that counts as rounding fades out along it."""
+        off = q - joints.q[0]
+        far = float(np.abs(off).max())
+        if far <= (0.0 if path.in_joints else NO_GAP):
+            return path, joints
+        if isinstance(path, JointLine):
+            closed: Path = JointLine(robot, q, path.q_goal)
+        else:
+            nodes = joints.at_nodes + fade_out(joints.nodes)[:, :, None] * off
+            closed = JointCurve(robot, joints.nodes, nodes[:, 0], nodes[:, 1:])
+            moved = np.abs(robot.pose_errors(nodes[:, 0], path(joints.nodes))).max(axis=0)
+            if not path.in_joints and (moved > MOST_MOVED * GAP).any():
+                got = f"one that begins {far:.3g} (rad, m) from the joints at {self._before(part)}: the arm is nearly singular"
+                raise InvalidInput(self._label(part), got, "a path that begins there")
+        followed = self._follow_path(robot, closed, None, None)  # type: ignore[arg-type]
+        return (path, joints) if followed.failure is not None else (closed, followed.joint_path)
+
+    def _before(self, part: Part) -> str:
+        """Return words for where a part begins."""
+        index = self.program.parts.index(part)
+        return f"the end of {self.program.label(index - 1)}" if index else "q_start"
 
     def _plan_alone(self, part: Part, robot: Robot, path: Path | None, q: Array, chosen: Array | None) -> Leg | Failed:
         """Return a part whose path is chosen by its own plan: with freedoms, or around obstacles."""
@@ -246,11 +276,10 @@ class PartFollower:
         off = robot.pose_errors(q, path.pose(0.0)) if own is None else own[0] - q
         if np.abs(off).max() <= GAP:
             return
-        index = self.program.parts.index(part)
-        before = f"the end of {self.program.label(index - 1)}" if index else "q_start"
         far = f"{1e3 * np.linalg.norm(off[:3]):.3g} mm and {np.degrees(np.linalg.norm(off[3:])):.3g}°"
         far = far if own is None else f"{np.abs(off).max():.3g} (rad, m)"
-        raise InvalidInput(self._label(part), f"a path that begins {far} from {before}", "a path that begins there")
+        got = f"a path that begins {far} from {self._before(part)}"
+        raise InvalidInput(self._label(part), got, "a path that begins there")
 
     # ------------------------------------------------------------ words
 
@@ -282,6 +311,15 @@ class PartFollower:
         """Return the lesser of a part's tool speed and the one of the whole program."""
         given = [x for x in (getattr(part, name), self.options.limits.value(name)) if x is not None]
         return min(given, default=None)
+
+
+def fade_out(s: Array) -> Array:
+    """Return a function (k, 4) of s with its derivatives, from 1 at the first s to 0 at the last, whose ends are at rest."""
+    u, v, length = s / s[-1], 1.0 - s / s[-1], s[-1]
+    return np.stack([
+        1.0 - u**4 * (35.0 - 84.0 * u + 70.0 * u**2 - 20.0 * u**3), -140.0 * (u * v) ** 3 / length,
+        -420.0 * (u * v) ** 2 * (1.0 - 2.0 * u) / length**2, -840.0 * u * v * (1.0 - 5.0 * u * v) / length**3,
+    ], axis=1)  # fmt: skip
 
 
 def _is_choice(part: Part) -> bool:

@@ -1,0 +1,243 @@
+"""Programs: corners, waits, gaps, tool speeds, files and replanning, held to numbers of their own."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import optik
+import planners
+from optik import se3
+from optik.errors import InvalidInput
+from optik.types import Array
+from planners import Dwell, JointLine, Line, MotionLimits, Move, Part, PlanStatus, PointToPoint, Polyline, Program
+from planners.program.corners import _round
+from planners.program.following import fade_out
+from planners.program.joining import sharpen
+
+ROBOT = optik.load("ur5e")
+START = np.array([0.0, -1.57, 1.57, -1.57, -1.57, 0.0])
+HOME = ROBOT.fk(START)
+LIMITS = MotionLimits(3.0, 10.0, 100.0)
+X, Y = np.array([0.1, 0.0, 0.0]), np.array([0.0, 0.1, 0.0])
+
+
+def plan(*items, limits=LIMITS, **options):
+    return planners.plan(ROBOT, Program(items), START, limits=limits, **options)
+
+
+def ways(*ends: Array, start=(0.0, 0.0, 0.0)) -> Line | Polyline:
+    """A line or polyline through displacements from the first pose."""
+    poses = np.array([se3.pose(HOME[:3, :3], HOME[:3, 3] + way) for way in (start, *ends)])
+    return Line(*poses) if len(poses) == 2 else Polyline(poses, blend=2e-3, blend_rotation=2e-2)
+
+
+def samples(motion, order=0):
+    """Values at 2 kHz."""
+    return motion(np.linspace(0.0, motion.end, int(2000 * motion.end) + 2), order)
+
+
+def jumps(motion) -> float:
+    """Largest jump of a position, by the two polynomials at each knot."""
+    c, h = motion.coefficients, np.diff(motion.knots)[:, None]
+    ends = sum(c[k] * h ** (len(c) - 1 - k) for k in range(len(c)))
+    return float(np.abs(ends[:-1] - c[-1][1:]).max(initial=0.0))
+
+
+def rest_time(motion) -> float:
+    """How long the arm stands still in all [s], by the polynomials of its motion."""
+    still = np.abs(motion.coefficients[:-1]).max(axis=(0, 2)) == 0.0
+    return float(np.diff(motion.knots)[still].sum())
+
+
+# ---------------------------------------------------------------- corners
+def test_a_corner_stays_in_its_zone_and_the_motion_passes_beside_it():
+    found = plan(Part(Move(X, "base"), blend=0.01), Part(Move(Y, "base")))
+    corner, (edge,) = HOME[:3, 3] + X, found.corners
+    p = ROBOT.fk(samples(found.trajectory))[:, :3, 3]
+    first = np.maximum(p[:, 0] - corner[0], 0.0) ** 2 + (p[:, 1] - HOME[1, 3]) ** 2
+    second = (p[:, 0] - corner[0]) ** 2 + np.maximum(HOME[1, 3] - p[:, 1], 0.0) ** 2
+    off = np.sqrt(np.minimum(first, second) + (p[:, 2] - HOME[2, 3]) ** 2)
+    assert 2e-3 < off.max() < edge.deviation[0] + 1e-5 <= 0.01 + 1e-5
+    assert found and len(found.sections) == 1
+    assert np.linalg.norm(p - corner, axis=1).min() > 2e-3
+
+
+def test_the_superposition_of_a_corner_has_the_derivatives_of_differences():
+    one, two = (
+        sharpen(ROBOT, JointLine(ROBOT, a, b), None).curve
+        for a, b in ((START, START + 0.3), (START + 0.3, START - 0.1))
+    )
+    two = sharpen(ROBOT, PointToPoint(ROBOT, START + 0.3, START + np.arange(6) / 9, START - 0.1), None).curve
+    u, h = np.linspace(0.05, 0.95, 19), 1e-5
+    exact, w = _round(one, two, 0.1, u), 0.2
+    for order in range(3):
+        slope = (_round(one, two, 0.1, u + h)[:, order] - _round(one, two, 0.1, u - h)[:, order]) / (2.0 * h * w)
+        np.testing.assert_allclose(slope, exact[:, order + 1], atol=1e-5 * max(1.0, np.abs(exact[:, order + 1]).max()))
+    np.testing.assert_allclose(
+        _round(one, two, 0.1, np.array([0.0]))[0, 0], one.joints(np.array([one.end - 0.1]))[0, 0]
+    )
+    np.testing.assert_allclose(_round(one, two, 0.1, np.array([1.0]))[0, 0], two.joints(np.array([0.1]))[0, 0])
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("zone", [{"blend": 1e-6}, {"blend": 1e-2, "blend_rotation": 1e-9}])
+def test_a_zone_within_the_tolerance_is_a_stop_and_says_so(zone):
+    found = plan(Part(Move(X, "base"), **zone), Part(Move(Y, "base")))
+    assert found and len(found.sections) == 2
+    assert found.corners[0].reduced == "its zone is not larger than the tolerance"
+
+
+@pytest.mark.parametrize("angle", [179.99, 180.0])
+def test_a_reversal_is_rounded_or_stops(angle):
+    back = 0.1 * np.array([np.cos(np.radians(angle)), np.sin(np.radians(angle)), 0.0])
+    found = plan(Part(Move(X, "base"), blend=0.01), Part(Move(back, "base")))
+    assert found and len(found.sections) == 1 + (angle == 180.0)
+    assert (found.corners[0].reduced == "the path reverses its direction there") == (angle == 180.0)
+
+
+def test_a_part_alone_records_the_path_that_its_plan_chose():
+    way = PointToPoint(ROBOT, START, START + np.array([0.1, 0.3, -0.2, 0.4, 0.0, 0.2]), START + 0.4)
+    found = plan(Part(way), Part(START))
+    first = found.parts[0].path
+    q = samples(found.sections[0].trajectory)
+    own = first.configurations(ROBOT, np.linspace(0.0, first.end, 4001))
+    assert max(np.abs(own - x).max(axis=1).min() for x in q[:: len(q) // 20]) < 1e-3
+
+
+# ---------------------------------------------------------------- waits
+def test_waits_are_counted_and_named_in_times():
+    found = plan(Dwell(0.4), Part(START + 0.2), Dwell(0.2), Dwell(0.3), Part(START), Dwell(0.1))
+    assert found.waits == (0.4, 0.5, 0.1)
+    assert rest_time(found.trajectory) == pytest.approx(1.0)
+    first, last = found.times
+    assert first.begin == pytest.approx(0.4)
+    assert first.end - first.rest == pytest.approx(0.5)
+    assert last.end - last.rest == pytest.approx(0.1)
+    assert last.end == found.duration
+
+
+def test_a_wait_before_a_closed_path_is_not_its_end():
+    found = plan(Dwell(0.5), Part(ways(X, X + Y, (0.0, 0.0, 0.0))), Part(START + 0.1))
+    assert found
+    assert found.motion.certify().is_valid
+    assert found.times[0].rest > 0.6
+
+
+@pytest.mark.parametrize("zone", [0.0, 0.01])
+@pytest.mark.parametrize("gap", [1e-12, 1e-7, 9.9e-7])
+def test_a_gap_of_rounding_leaves_no_jump(gap, zone):
+    turned = START + 0.2 * np.arange(6)
+    step = gap * np.eye(6)[0]
+    joints = plan(Part(JointLine(ROBOT, START, turned)), Part(JointLine(ROBOT, turned + step, START + step)))
+    lines = plan(Part(ways(X), blend=zone), Part(ways(X + Y, start=X + gap * Y / 0.1)))
+    for found in (joints, lines):
+        assert found
+        assert jumps(found.trajectory) < 1e-13
+
+
+def test_a_gap_is_refused_with_the_part_and_its_size():
+    with pytest.raises(InvalidInput, match=r"part 2 'seam': .* begins 1 mm .* from the end of part 1"):
+        plan(Part(ways(X)), Part(ways(X + Y, start=X + Y / 100), name="seam"))
+
+
+def test_a_small_gap_near_a_singularity_is_refused_with_the_part():
+    q = np.array([0.0, -1.57, 1.57, -1.57, 1e-3, 0.0])
+    T = ROBOT.fk(q)
+    poses = [se3.pose(T[:3, :3], T[:3, 3] + way) for way in ((0.0, 0.0, 0.05), (3e-7, 9e-7, 9e-7))]
+    there = planners.follow(optik.ik.get_solver(ROBOT, "lm"), Line(T, poses[0]), q).joint_path.q[-1]
+    program = Program([Part(Line(poses[0], T)), Part(Line(poses[1], poses[0]))])
+    with pytest.raises(InvalidInput, match=r"part 2: .* from the joints at the end of part 1"):
+        planners.plan(ROBOT, program, there, limits=LIMITS)
+
+
+def test_the_fading_function_has_the_derivatives_of_differences():
+    s, h = np.linspace(0.0, 2.0, 41), 1e-5
+    for order in range(3):
+        inner = np.append(s[1:-1], 2.0)
+        up, down = (fade_out(np.append(inner[:-1] + step, 2.0))[:-1, order] for step in (h, -h))
+        np.testing.assert_allclose((up - down) / (2.0 * h), fade_out(inner)[:-1, order + 1], atol=1e-8)
+
+
+# ---------------------------------------------------------------- tool speeds and files
+def test_tool_speeds_hold_on_their_parts_and_in_a_file(tmp_path):
+    found = plan(
+        Part(Move(X, "base"), blend=0.03), Part(Move(Y, "base"), tool_speed=0.06, blend=0.03), Part(Move(-X, "base"))
+    )
+    t = np.linspace(0.0, found.duration, 20001)
+    speed = np.linalg.norm(np.diff(ROBOT.fk(found.trajectory(t))[:, :3, 3], axis=0), axis=1) / t[1]
+    s = np.interp(t[1:], found.trajectory.knots, found.certificate.s)
+    middle = (s > found.corners[0].begin + 1e-6) & (s < found.corners[1].end - 1e-6)
+    assert 0.0599 < speed[middle].max() < 0.06 * (1.0 + 1e-6)
+    assert speed[~middle].max() > 0.1
+    planners.save(found, tmp_path / "program.json")
+    read = planners.load_motion(tmp_path / "program.json").certify()
+    assert read.is_valid
+    assert read.extreme("tool_speed").ratio == pytest.approx(found.certificate.extreme("tool_speed").ratio, abs=1e-13)
+
+
+def test_a_section_of_a_plan_is_a_part_with_one_tool_speed():
+    whole = plan(Part(START + 0.2, blend=0.01), Part(Move(X, "base")))
+    found = plan(Part(whole.sections[0].path, tool_speed=0.1), Part(START))
+    assert found
+    assert [section.limits.tool_speed for section in found.sections] == [0.1, None]
+
+
+# ---------------------------------------------------------------- replanning
+def stops():
+    return plan(
+        Dwell(0.4),
+        Part(START + 0.3, blend=0.01),
+        Part(Move(X, "base")),
+        Dwell(0.5),
+        Part(START + 0.1),
+        Part(START),
+        Dwell(0.3),
+    )
+
+
+@pytest.mark.parametrize(("t", "left"), [(0.1, 1.1), (0.6, 0.8), (-0.31, 0.3)])
+def test_replanning_keeps_the_waits_that_are_left(t, left):
+    running = stops()
+    when = t if t > 0.0 else running.duration + t
+    found = planners.replan(running, when)
+    assert found
+    assert rest_time(found.trajectory) == pytest.approx(left)
+    assert found.duration == pytest.approx(running.duration - when, abs=1e-3)
+    np.testing.assert_allclose(found.trajectory(found.duration), START, atol=1e-12)
+
+
+def test_there_is_nothing_to_replan_in_the_last_wait():
+    running = stops()
+    with pytest.raises(InvalidInput, match=r"the end of the program, with a wait of 0.2 s left"):
+        planners.replan(running, running.duration - 0.2)
+    with pytest.raises(InvalidInput, match=rf"a time in \[0, {running.duration:.9g}\]"):
+        planners.replan(running, running.duration + 1.0)
+
+
+def test_lower_limits_of_a_stop_hold_for_the_sections_behind_it():
+    lower = MotionLimits(0.4, 4.0, 40.0)
+    stopped = planners.replan(stops(), 0.9, limits=lower, stop=True)
+    onward = planners.replan(stopped, stopped.duration)
+    assert onward and onward.motion.certify().is_valid
+    assert np.abs(samples(onward.trajectory, 1)).max() <= 0.4 * (1.0 + 1e-9)
+    np.testing.assert_allclose(onward.trajectory(onward.duration), START, atol=1e-12)
+
+
+@pytest.mark.parametrize("way", ["spline", "polyline"])
+def test_a_motion_goes_on_from_any_stop(way):
+    """A sweep's stop interpolates s: its end was taken up to 2e-5 off, and 13 of 27 such motions did not go on."""
+    goal = PointToPoint(ROBOT, START, START + np.array([0.1, 0.2, -0.1, 0.3, 0.0, 0.1]), START + 0.4)
+    running = planners.plan(ROBOT, goal if way == "spline" else ways(X, X + Y), START, limits=LIMITS)
+    for t in np.linspace(0.15, 0.4, 6) * running.trajectory.duration:
+        stopped = planners.replan(running, float(t), stop=True)
+        assert planners.replan(stopped, stopped.trajectory.duration).status is PlanStatus.SOLVED
+
+
+def test_free_parts_behind_keep_their_shape_under_lower_limits():
+    place = ROBOT.fk(START + 0.1)
+    turned = planners.free(Line(place, se3.pose(place[:3, :3], place[:3, 3] + X)), turn=0.4)
+    running = plan(Part(START + 0.1), Part(turned), Part(START))
+    found = planners.replan(running, 0.1, limits=MotionLimits(3.0, [10.0] * 5 + [0.5], 100.0))
+    assert found
+    assert jumps(found.trajectory) < 1e-8
