@@ -108,7 +108,9 @@ def merge_certificates(
 
     def worst(name: str) -> Any:
         each: list[Any] = [proof.extreme(name) for proof in proofs]
-        return reduce(select_worse, [x._replace(time=x.time + t) for x, t in zip(each, begins, strict=True)])
+        found = reduce(select_worse, [x._replace(time=x.time + t) for x, t in zip(each, begins, strict=True)])
+        value = np.max([x.value for x in each], axis=0)  # which may be in a section with a higher limit
+        return found._replace(value=value if isinstance(found, Extreme) else float(value))
 
     steps = [step._replace(t=step.t + t) for p, t, _ in shift for step in p.friction_steps]
     parts = [LimitedPart(part.motion, t + part.begin, part.limits) for p, t, _ in shift for part in p.parts]

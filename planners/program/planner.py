@@ -90,10 +90,11 @@ class ProgramPlanner:
                 plan, places, own, chosen = planned
                 for leg, a, b in zip(chosen, places[:-1], places[1:], strict=True):
                     name = self.program.parts[leg.part].name
-                    exact = leg.joint_path is None or len(chosen) == 1 or leg.path.in_joints
-                    deviation = (0.0, 0.0) if exact or leg.joint_path is None else leg.joint_path.bound
-                    path = plan.path if len(chosen) == 1 else leg.path  # a plan chooses the shape of a part alone
-                    parts.append(PartRecord(name, path, len(sections), at + a, at + b, deviation))
+                    alone = len(chosen) == 1  # a plan chooses the shape of a part alone
+                    joints = None if alone or leg.path.in_joints else leg.joint_path
+                    parts.append(
+                        PartRecord(name, plan.path if alone else leg.path, len(sections), at + a, at + b, joints)
+                    )
                 first = chosen[0].part
                 corners += [replace(c, part=c.part + first, begin=c.begin + at, end=c.end + at) for c in own]
                 sections.append(plan)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property, reduce
 from typing import Any
 
@@ -48,8 +48,6 @@ class PartRecord:
         The section that it belongs to.
     begin, end : float
         Its place in the path parameter of the whole program.
-    deviation : (2,) tuple of float
-        Proved bounds on distance [m] and angle [rad] between its path and the path of the section, outside of the corners.
     """
 
     name: str | None
@@ -57,7 +55,12 @@ class PartRecord:
     section: int
     begin: float
     end: float
-    deviation: tuple[float, float] = (0.0, 0.0)
+    joint_path: JointPath | None = field(default=None, repr=False, compare=False)
+
+    @property
+    def deviation(self) -> tuple[float, float]:
+        """Proved bounds on distance [m] and angle [rad] between its path and its joint path, outside of the corners."""
+        return (0.0, 0.0) if self.joint_path is None else self.joint_path.bound
 
     def s_at(self, x: float) -> float:
         """Return the path parameter of the program at one of the part's own path.
@@ -214,7 +217,8 @@ class ProgramPlan(Plan):
         out = super().to_dict()
         if self.failure is not None:
             out["part"] = self.failure.part
-        parts = [asdict(replace(part, path=part.path.to_dict())) for part in self.parts]  # type: ignore[arg-type]
+        keys = "name", "section", "begin", "end", "deviation"
+        parts = [{key: getattr(part, key) for key in keys} | {"path": part.path.to_dict()} for part in self.parts]
         return out | {
             "waits": list(self.waits),
             "parts": parts,

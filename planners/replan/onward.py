@@ -36,12 +36,14 @@ def plan_onward(request: PlanRequest, start: MovingState) -> Plan:
         if found:
             return found
         if found.certificate.clearance is not None and found.certificate.clearance.touches:
-            touching = touching or found
+            touching = found if touching is None else touching  # without success it is false
     if start.still and (slowed := _slow_down(request, start)) is not None:
         return slowed
     if start.rest is not None and (later := _meet_limits_later(request, start)) is not None:
         return later
-    return touching or request.infeasible(start.plan.joint_path, explain_infeasible(request, start, False))
+    if touching is not None:
+        return touching
+    return request.infeasible(start.plan.joint_path, explain_infeasible(request, start, False))
 
 
 def _propose_motions(request: PlanRequest, start: MovingState) -> Iterator[Trajectory]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -39,6 +39,7 @@ def replan_program(
         else check_number(state, "state", "a time [s]", least=0.0)
     )
     times = running.times
+    t = _begin_of_wait(times, t) if measured else t
     k = max(int(np.searchsorted([each.begin for each in times], t, side="right")) - 1, 0)
     if measured and np.abs(motion(t) - state[0]).max() > OFF_MOTION:  # at rest, where the motion does not stop
         k, t = _find_nearest_section(running, np.asarray(state[0]))
@@ -60,7 +61,7 @@ def replan_program(
         own = changed if changed["limits"] is None else {**changed, "limits": _limits_of(running, i, limits)}
         sections[i] = one(section, state if measured else t - times[k].begin, **own)
         if not sections[i]:
-            return sections[i]
+            return _name_part(running, i, sections[i])
         covered, left = range(i, i + 1) if stop else range(i, len(sections)), 0.0
     if not stop:
         for j in onward:
@@ -70,10 +71,31 @@ def replan_program(
             chosen = isinstance(sections[j].path, FreePath | PointToPoint)  # a plan would choose another shape
             sections[j] = one(sections[j], 0.0, **own) if chosen else _plan_again(sections[j], own)
             if not sections[j]:
-                return sections[j]
+                return _name_part(running, j, sections[j])
     found = build_plan(sections, running.waits, running.parts, running.corners, limits, (covered, max(left, 0.0)))
     ahead = [replace(e, t=e.t - t) if isinstance(e, TimedEvent) else e for e in running.scheduled if _is_ahead(e, t)]
     return replace(found, scheduled=tuple(ahead), period=running.period)
+
+
+def _begin_of_wait(times: Sequence[SectionTimes], t: float) -> float:
+    """Return when a wait begins for a time in it: a measured state does not tell how much is over, so that all is kept."""
+    waits = [(0.0, times[0].begin), *((each.rest, each.end) for each in times[:-1])]
+    inside = [a for a, b in waits if a < b and a - BEFORE_END <= t <= b + BEFORE_END]
+    return inside[0] if inside else t
+
+
+def _name_part(running: ProgramPlan, i: int, failed: Plan) -> Plan:
+    """Return the failed plan of a section as one of the part in which it failed."""
+    why, path = failed.failure, running.path
+    if why is None or not running.parts:
+        return failed
+    assert isinstance(path, ProgramPath)
+    at, own = path.starts[i] + why.s, [k for k, part in enumerate(running.parts) if part.section == i]
+    k = next((k for k in own if at <= running.parts[k].end), own[-1])
+    part = running.parts[k]
+    s = float(np.clip((at - part.begin) / (part.end - part.begin), 0.0, 1.0)) * part.path.end
+    reason = f"part {k + 1}{f' {part.name!r}' if part.name else ''}: {why.reason}"
+    return replace(failed, path=part.path, failure=replace(why, s=s, reason=reason, part=k))
 
 
 def _is_ahead(event: Scheduled, t: float) -> bool:

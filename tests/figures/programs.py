@@ -43,7 +43,9 @@ TRIES, OFF_LIMITS, FREE_IN, LIMITED_IN = 40, 0.02, 12, 3
 free turn, and one of so many tool speeds."""
 RATE, LOW_RATE, LONG = 20_000.0, 5_000.0, 5.0
 """Samples per second of a motion, and of one that is longer [1/s, s]."""
-SHARP_SPACING, LEAST_SHARP = 1e-4, 400
+SHARP_SPACING, LEAST_SHARP, NEAREST = 1e-4, 400, 8
+"""Mean distance of the points of a sharp part [m], how many more it has, and beside how many near ones chords are tried: at a
+corner the nearest ones can be of the other part."""
 ROUNDING = 1e-6
 
 
@@ -230,15 +232,15 @@ def densely(robot: Robot, path: Path) -> Array:
 
 
 def distances(points: Array, pieces: Sequence[Array]) -> Array:
-    """Distances of points from the nearer chord at each one's nearest point of curves, one after another."""
+    """Distances of points from curves, one after another: from the chords beside the nearest points of all of them."""
     curve = np.concatenate([pieces[0], *(piece[1:] for piece in pieces[1:])])  # each begins where the one before ends
-    near = cKDTree(curve).query(points)[1]
-    out = np.linalg.norm(points - curve[near], axis=1)
-    for step in (-1, 0):
-        a = np.clip(near + step, 0, len(curve) - 2)
-        way = curve[a + 1] - curve[a]
-        u = ((points - curve[a]) * way).sum(axis=1) / np.maximum((way**2).sum(axis=1), 1e-300)
-        out = np.minimum(out, np.linalg.norm(points - curve[a] - np.clip(u, 0.0, 1.0)[:, None] * way, axis=1))
+    out = np.full(len(points), np.inf)
+    for near in cKDTree(curve).query(points, k=NEAREST)[1].T:
+        for step in (-1, 0):
+            a = np.clip(near + step, 0, len(curve) - 2)
+            way, off = curve[a + 1] - curve[a], points - curve[a]
+            u = np.clip((off * way).sum(axis=1) / np.maximum((way**2).sum(axis=1), 1e-300), 0.0, 1.0)
+            out = np.minimum(out, np.linalg.norm(off - u[:, None] * way, axis=1))
     return out
 
 

@@ -207,6 +207,14 @@ def test_replanning_keeps_the_waits_that_are_left(t, left):
     np.testing.assert_allclose(found.trajectory(found.duration), START, atol=1e-12)
 
 
+def test_a_state_measured_in_a_wait_keeps_all_of_it():
+    running = stops()
+    at = [running.trajectory(running.times[0].end - 0.2, order) for order in range(3)]
+    found = planners.replan(running, (at[0] + 1e-8, at[1], at[2]))
+    assert found
+    assert rest_time(found.trajectory) == pytest.approx(0.5 + 0.3)
+
+
 def test_there_is_nothing_to_replan_in_the_last_wait():
     running = stops()
     with pytest.raises(InvalidInput, match=r"the end of the program, with a wait of 0.2 s left"):
@@ -241,3 +249,22 @@ def test_free_parts_behind_keep_their_shape_under_lower_limits():
     found = planners.replan(running, 0.1, limits=MotionLimits(3.0, [10.0] * 5 + [0.5], 100.0))
     assert found
     assert jumps(found.trajectory) < 1e-8
+
+
+def test_a_part_that_cannot_be_replanned_is_named():
+    running = plan(Part(START + 0.1), Part(START + 0.1 + np.eye(6)[0], name="over"), Part(START))
+    middle = ROBOT.fk(START + 0.1 + 0.5 * np.eye(6)[0])[:3, 3]
+    found = planners.replan(running, 0.1, scene=optik.Scene(spheres=[(middle, 0.02)]))
+    assert found.status is PlanStatus.CONTACT
+    assert found.failure.part == 1
+    assert found.failure.reason.startswith("part 2 'over': ")
+    assert 0.2 < found.failure.s < 0.5
+
+
+def test_a_replan_into_a_new_obstacle_says_contact():
+    running = plan(Part(START + 0.1), Part(START + 0.1 + np.eye(6)[0]))
+    middle = ROBOT.fk(START + 0.1 + 0.5 * np.eye(6)[0])[:3, 3]
+    stopped = planners.replan(running, running.times[1].begin + 0.1, stop=True)
+    found = planners.replan(stopped, stopped.duration, scene=optik.Scene(spheres=[(middle, 0.02)]))
+    assert found.status is PlanStatus.CONTACT
+    assert found.failure is None or found.failure.part == 1
