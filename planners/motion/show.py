@@ -116,8 +116,9 @@ def sample_zones(path: Path) -> tuple[Array, ...]:
         if not isinstance(section, JointCurve):
             continue
         rounded = section.owners[:, 0] != section.owners[:, 1]
-        for part in np.unique(section.owners[rounded, 0]):
-            pieces = np.flatnonzero(rounded & (section.owners[:, 0] == part))
+        first = section.owners.min(axis=1)
+        for part in np.unique(first[rounded]):
+            pieces = np.flatnonzero(rounded & (first == part))
             s = np.linspace(section.breaks[pieces[0]], section.breaks[pieces[-1] + 1], ZONE_POINTS)
             zones.append(np.asarray(path.pose(start + s)[:, :3, 3]))
     return tuple(zones)

@@ -44,7 +44,7 @@ class JointCurve(Path):
     breaks : (m,) array, optional
         Path parameters between which bounds are given, both ends included; by default the nodes.
     owners : (m − 1, 2) array of int, optional
-        The two segments that each piece between breaks belongs to; equal ones for a piece of one segment.
+        For each piece between breaks the segment whose limits hold, and the other one in a rounded corner, else the same.
 
     Raises
     ------
@@ -120,8 +120,8 @@ class JointCurve(Path):
         return self.robot.fk(self._at(x, 0)) if order == 0 else tool_twists(self.robot, self.joints(x))[:, order - 1]
 
     def least_on_pieces(self, values: Array) -> Array:
-        """Return values of the pieces: one that belongs to two segments has the lesser value."""
-        return np.asarray(values[self.owners].min(axis=1))
+        """Return values of the pieces: those of their first owners."""
+        return np.asarray(values[self.owners[:, 0]])
 
     @cached_property
     def _hulls(self) -> tuple[Array, Array, Array]:

@@ -147,9 +147,11 @@ def join_parts(robot: Robot, parts: Sequence[Sharp], zones: Sequence[Zone]) -> t
         add(places[i] + s, values, places[i] + marks, (i, i))
         if i < len(zones):
             half = zones[i].half
-            count = max(2, int(np.ceil(2.0 * half / BREAK_SPACING)))
-            marks = places[i + 1] + half * np.linspace(-1.0, 1.0, count + 1)[1:]
-            add(places[i + 1] + zones[i].s, zones[i].joints, marks, (i, i + 1))
+            count = max(1, int(np.ceil(half / BREAK_SPACING)))
+            marks = places[i + 1] + half * (np.arange(count) + 1.0) / count
+            before, after = places[i + 1] - half + (marks - places[i + 1]), marks
+            add(places[i + 1] + zones[i].s, zones[i].joints, np.append(before, after), (i, i + 1))
+            owners[-count:] = [(i + 1, i)] * count  # the speeds of each part hold up to the middle
     s, values, marks = np.concatenate(nodes), np.concatenate(joints), np.array(breaks)
     s[-1] = marks[-1] = places[-1]
     return JointCurve(robot, s, values[:, 0], values[:, 1:], breaks=marks, owners=owners), places

@@ -61,7 +61,8 @@ class Trajectory(PiecewiseCurve):
             raise InvalidInput("polynomial", f"coefficients of shape {polynomial.c.shape}", "(at most 6, m, n)")
         if polynomial.x[0] != 0.0 or not (np.diff(polynomial.x) > 0.0).all():
             raise InvalidInput("polynomial", "its knots", "knots that increase from 0")
-        reach = largest_term(np.asarray(polynomial.c, np.float64), np.asarray(polynomial.x, np.float64))
+        self._set_polynomial(polynomial)
+        reach = largest_term(self._c, self._x)
         if not reach <= LARGEST_POSITION:
             if not np.isfinite(polynomial.c).all():
                 raise InvalidInput("polynomial", "NaN or infinity in its coefficients", "finite coefficients")
@@ -69,7 +70,6 @@ class Trajectory(PiecewiseCurve):
             raise InvalidInput("polynomial", f"positions up to {reach:.3g}", expected)
         if s is not None and np.shape(s) != polynomial.x.shape:
             raise InvalidInput("s", f"an array of shape {np.shape(s)}", f"one for each knot: {polynomial.x.shape}")
-        self._set_polynomial(polynomial)
         self.s = s
 
     def __repr__(self) -> str:

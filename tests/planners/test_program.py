@@ -167,7 +167,10 @@ def test_tool_speeds_hold_on_their_parts_and_in_a_file(tmp_path):
     t = np.linspace(0.0, found.duration, 20001)
     speed = np.linalg.norm(np.diff(ROBOT.fk(found.trajectory(t))[:, :3, 3], axis=0), axis=1) / t[1]
     s = np.interp(t[1:], found.trajectory.knots, found.certificate.s)
-    middle = (s > found.corners[0].begin + 1e-6) & (s < found.corners[1].end - 1e-6)
+    begin, end = (
+        0.5 * (corner.begin + corner.end) for corner in found.corners
+    )  # a part's limit holds up to the middle
+    middle = (s > begin + 1e-3) & (s < end - 1e-3)
     assert 0.0599 < speed[middle].max() < 0.06 * (1.0 + 1e-6)
     assert speed[~middle].max() > 0.1
     planners.save(found, tmp_path / "program.json")
