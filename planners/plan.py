@@ -112,7 +112,8 @@ def _plan_program(
     solver, timing, limits, samples, branch, duration, strict = own
     tolerance, rate, scene, allow, avoid, winding = given
     if branch is not None or avoid is not False:
-        raise InvalidInput("branch, avoid", "one for a program", "none; Part(goal, avoid=True) searches a way")
+        which, got = ("avoid", avoid) if branch is None else ("branch", branch)
+        raise InvalidInput(which, repr(got)[:60], "none for a program: each part chooses for itself (Part.avoid)")
     shared = {"solver": solver, "timing": timing, "samples": samples, "rate": rate, "allow": allow, "scene": scene}
     alone = partial(plan, strict=_check_options(duration, strict), winding=winding, **shared)
     options = Options(solver, _check_limits(robot, limits), samples, Tolerance.of(tolerance), scene, winding)

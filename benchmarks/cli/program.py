@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import typer
 from rich.table import Table
 
 import optik
-from benchmarks.cli.command import JsonCommand, Start, argument, option, out_console, print_json
+from benchmarks.cli.command import JsonCommand, Start, argument, err_console, option, out_console, print_json
 from benchmarks.cli.plan import PlanCommand
+from benchmarks.cli.readers import read_configuration
 from optik.arm.model import unit_factors
 
 if TYPE_CHECKING:
@@ -38,27 +41,21 @@ class ProgramCommand(PlanCommand):
         "-r",
     )
 
+    @cached_property
+    def content(self) -> ProgramFile:
+        """The content of the file, for the arm with the typed options."""
+        from planners.program.file import find_robot, load_program
+
+        return load_program(self.file, self.load(self.robot or find_robot(self.file)))
+
     def load_start(self) -> Start:
-        """Load the robot and the program's start, unless another one is typed."""
-        content = self._read()
-        arm = content.robot if not self.robot else self.load()
-        if self.start_deg.strip():
-            return replace(self, robot=self.robot or "paper6r")._typed_start(arm)
-        return Start(arm, content.start, "")
-
-    def _typed_start(self, arm: optik.Robot) -> Start:
-        from benchmarks.cli.readers import read_configuration
-
-        return Start(arm, read_configuration(arm, self.start_deg), "")
-
-    def _read(self) -> ProgramFile:
-        from planners.program.file import load_program
-
-        return load_program(self.file, self.load() if self.robot else None)
+        """Return the robot and the program's start, unless another one is typed."""
+        arm, start = self.content.robot, self.content.start
+        return Start(arm, read_configuration(arm, self.start_deg) if self.start_deg.strip() else start, "")
 
     def make_path(self, start: Start) -> Any:
         """Return the program."""
-        return self._read().program
+        return self.content.program
 
     def choose_branch(self, start: Start, path: Any) -> str | None:
         """Return the typed branch: the parts choose theirs."""
@@ -70,20 +67,24 @@ class ProgramCommand(PlanCommand):
 
         found = super().plan(start, path, law, words)
         assert isinstance(found, planners.ProgramPlan)
-        return found.schedule(self._read().events) if found.has_motion else found
+        return found.schedule(self.content.events) if found.has_motion else found
 
 
 @dataclass(frozen=True, kw_only=True)
 class CheckProgramCommand(JsonCommand):
-    """Check a program and show its parts, without planning it. A mistake is one line: part, key, and what is allowed."""
+    """Check a program and show its parts, without planning it. Each mistake is one line: part, key, and what is allowed."""
 
     file: Path = argument("FILE", FILE_HELP)
     robot: str = option("Robot", "The arm, instead of the one that the program names.", "", "--robot", "-r")
 
     def run(self) -> None:
         """Print the parts."""
-        from planners.program.file import load_program
+        from planners.program.file import find_mistakes, load_program
 
+        for mistake in (mistakes := find_mistakes(self.file, self.robot or None)):
+            err_console.print(f"error: {mistake}", soft_wrap=True)
+        if mistakes:
+            raise typer.Exit(2)
         content = load_program(self.file, self.robot or None)
         rows = [_describe(item, content.robot) for item in content.program.items]
         if self.as_json:

@@ -83,7 +83,12 @@ def read_record(data: Any, keys: tuple[str, ...], argument: str, *, optional: tu
                if key not in keys and key not in optional]  # fmt: skip
     if missing or unknown:
         wrong = [f"{', '.join(part)} {word}" for part, word in ((missing, "missing"), (unknown, "unknown")) if part]
-        raise InvalidInput(argument, "; ".join(wrong)[:200], expected)
+        from difflib import get_close_matches
+
+        near = get_close_matches(unknown[0], (*keys, *optional), n=1) if unknown else []
+        raise InvalidInput(
+            argument, "; ".join(wrong)[:200], expected, advice=f"did you mean {near[0]}?" if near else ""
+        )
     return data
 
 

@@ -41,8 +41,7 @@ def limits_of_parts(limits: MotionLimits, a: int, b: int) -> MotionLimits:
     own: dict[str, Any] = {}
     for name in TOOL_SPEEDS:
         if np.ndim(value := limits.value(name)):
-            finite = np.where(np.isfinite(value[a:b]), value[a:b], np.inf)
-            own[name] = None if np.isinf(finite).all() else finite if b - a > 1 else float(finite[0])
+            own[name] = value[a:b] if np.isfinite(value[a:b]).any() else None
     return replace(limits, **own) if own else limits
 
 
@@ -104,6 +103,8 @@ def merge_certificates(
     """Return the certificate of a motion from those of its sections, which begin at these path parameters and times."""
     first, motion = proofs[0], MotionAnalysis(robot, trajectory)
     tolerances = [proof.tolerance for proof in proofs if proof.tolerance is not None]
+    tolerance = max(tolerances, key=lambda each: each.position, default=None)
+    enforced = dict.fromkeys(name for proof in proofs for name in proof.enforced)
     shift = list(zip(proofs, begins, starts, strict=True))
 
     def worst(name: str) -> Any:
@@ -116,7 +117,7 @@ def merge_certificates(
     parts = [LimitedPart(part.motion, t + part.begin, part.limits) for p, t, _ in shift for part in p.parts]
     margins = position_margins(robot, trajectory)
     return replace(
-        first, duration=trajectory.duration, tolerance=max(tolerances, key=lambda each: each.position, default=None),
+        first, enforced=tuple(enforced), duration=trajectory.duration, tolerance=tolerance,
         position_margin=margins, t_position_margin=position_times(robot, trajectory),
         path_error=_merge_errors([p.path_error for p in proofs], begins),
         t=trajectory.knots, s=_merge_places(trajectory, shift),

@@ -91,7 +91,7 @@ class JointCurve(Path):
         """Path parameters of the nodes."""
         return self.s
 
-    def joints(self, s: Array) -> Array:
+    def coordinates(self, s: Array) -> Array:
         """Return the joints along the path.
 
         Parameters
@@ -117,7 +117,9 @@ class JointCurve(Path):
         return self._at(np.asarray(s, dtype=np.float64), order)
 
     def _evaluate(self, x: Array, order: int) -> Array:
-        return self.robot.fk(self._at(x, 0)) if order == 0 else tool_twists(self.robot, self.joints(x))[:, order - 1]
+        return (
+            self.robot.fk(self._at(x, 0)) if order == 0 else tool_twists(self.robot, self.coordinates(x))[:, order - 1]
+        )
 
     def least_on_pieces(self, values: Array) -> Array:
         """Return values of the pieces: those of their first owners."""
@@ -146,7 +148,7 @@ class JointCurve(Path):
         h = np.diff(self.s)
         s = self.s[:-1, None] + h[:, None] * (np.arange(PIECE_SAMPLES + 1) / PIECE_SAMPLES)
         s[:, -1] = self.s[1:]
-        return tool_bounds(self.robot, self._hulls[2], h, tool_twists(self.robot, self.joints(s.ravel())))
+        return tool_bounds(self.robot, self._hulls[2], h, tool_twists(self.robot, self.coordinates(s.ravel())))
 
     def derivative_bounds(self) -> Array:
         """Return bounds (2, 4): the greatest of all pieces."""

@@ -66,9 +66,9 @@ def find_half_width(robot: Robot, one: JointCurve, two: JointCurve, zone: Array,
     return half
 
 
-def build_zone(robot: Robot, one: JointCurve, two: JointCurve, zone: Array, half: float) -> Zone | None:
-    """Return the corner of this half width, or the narrower one that is proved; None if none is."""
-    lower, upper = robot.limits.lower, robot.limits.upper
+def build_zone(robot: Robot, one: JointCurve, two: JointCurve, zone: Array, half: float) -> tuple[Zone | None, str]:
+    """Return the corner of this half width, or the narrower one that is proved, or None; and why it is narrower."""
+    lower, upper, why = robot.limits.lower, robot.limits.upper, ""
     least = LEAST_WIDTH * min(one.end, two.end)
     for _ in range(PROOF_STEPS):
         if half < least:
@@ -81,14 +81,14 @@ def build_zone(robot: Robot, one: JointCurve, two: JointCurve, zone: Array, half
         curve = JointCurve(robot, s + half, nodes[:, 0], nodes[:, 1:])
         low, high = curve.hull
         if (low < lower).any() or (high > upper).any():
-            half *= SHRINK_INSIDE
+            half, why = half * SHRINK_INSIDE, "a joint reaches its limit"
             continue
         deviation = _prove_deviation(robot, one, two, curve)
         ratio = float((deviation / zone).max())
         if ratio <= 1.0:
-            return Zone(half, s, nodes, deviation)
+            return Zone(half, s, nodes, deviation), why
         half *= SHRINK / ratio
-    return None
+    return None, why or "no width of it is proved"
 
 
 def place_nodes(joints: Callable[[Array], Array], s: Array, least: float) -> tuple[Array, Array]:
@@ -121,7 +121,7 @@ def _round(one: JointCurve, two: JointCurve, half: float, u: Array) -> Array:
         rate = x**3 * (10.0 + x * (6.0 * x - 15.0))
         second, third = sign * 30.0 * (x * (1.0 - x)) ** 2 / w, 60.0 * x * (1.0 - x) * (1.0 - 2.0 * x) / w**2
         at = covered if sign > 0.0 else curve.end - covered
-        q = curve.joints(np.clip(at, 0.0, curve.end))
+        q = curve.coordinates(np.clip(at, 0.0, curve.end))
         r1, r2, r3 = (r[:, None] for r in (rate, second, third))
         out[:, 0] += q[:, 0]
         out[:, 1] += q[:, 1] * r1
@@ -135,7 +135,9 @@ def _measure_deviation(robot: Robot, one: JointCurve, two: JointCurve, half: flo
     """Return distance and angle (k, 2) of the rounded path from the sharp one at the same s."""
     q, w = _round(one, two, half, u)[:, 0], 2.0 * half * (u - 0.5)
     sharp = np.where(
-        (w < 0.0)[:, None], one.joints(one.end + np.minimum(w, 0.0))[:, 0], two.joints(np.maximum(w, 0.0))[:, 0]
+        (w < 0.0)[:, None],
+        one.configurations(robot, one.end + np.minimum(w, 0.0)),
+        two.configurations(robot, np.maximum(w, 0.0)),
     )
     off = se3.error(robot.fk(np.ascontiguousarray(q)), robot.fk(np.ascontiguousarray(sharp)))
     return np.asarray(np.linalg.norm(off.reshape(-1, 2, 3), axis=2))
@@ -152,7 +154,7 @@ def _prove_deviation(robot: Robot, one: JointCurve, two: JointCurve, curve: Join
     for part, begin, offset in ((one, 0.0, one.end - middle), (two, middle, -middle)):
         s = np.clip(begin + step * np.arange(half + 1), 0.0, curve.end)
         at = np.clip(s + offset, 0.0, part.end)
-        T, sharp = (robot.fk(x.joints(y)[:, 0].copy()) for x, y in ((curve, s), (part, at)))
+        T, sharp = (robot.fk(x.configurations(robot, y)) for x, y in ((curve, s), (part, at)))
         b, p = (_greatest_between(x, y[0], y[-1]) for x, y in ((curve, s), (part, at)))
         distance = np.linalg.norm(T[:, :3, 3] - sharp[:, :3, 3], axis=1).max()
         E = T[:, :3, :3] @ np.swapaxes(sharp[:, :3, :3], 1, 2) - np.eye(3)

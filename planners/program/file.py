@@ -56,7 +56,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from difflib import get_close_matches
 from pathlib import Path as FilePath
 from typing import Any, NamedTuple
 
@@ -64,7 +63,7 @@ import numpy as np
 
 from optik import load, se3
 from optik.arm.inertia import Payload
-from optik.arm.plain import read_list, read_vector, read_word
+from optik.arm.plain import read_list, read_record, read_vector, read_word
 from optik.arm.robot import Robot
 from optik.check import check_flag, check_number
 from optik.errors import InvalidInput, OptikError
@@ -80,6 +79,10 @@ from planners.paths.waypoints import read_waypoints
 from planners.program.events import PathEvent, PeriodicEvent, Scheduled, TimedEvent
 from planners.program.parts import KEEP, Dwell, Item, Move, Part, Program, ToolChange, displace
 
+FILE_KEYS = ("robot", "start", "configurations", "frames", "part", "event")
+"""Keys of a file."""
+POSE_KEYS = ("frame", "xyz_mm", "rpy_deg")
+"""Keys of a pose."""
 GOALS = ("joints", "configuration", "pose", "start_of", "vector_mm", "polyline", "spline")
 """Keys of the goal of a part, of which it has one."""
 MOVE_KEYS = {
@@ -130,46 +133,76 @@ def load_program(file: str | os.PathLike[str], robot: Robot | str | None = None)
     InvalidInput
         A mistake, in one line: the part, the key, and what is allowed. No code is run from the file.
     """
-    path = FilePath(file)
-    data = parse_toml(decode_text(read_bytes(path, most=MOST_PROGRAM_BYTES), str(file)), str(file))
-    return _Reader(path, data).read(robot)
+    reader = _Reader(file)
+    content = reader.read(reader.find_robot() if robot is None else robot)
+    if content is None or reader.mistakes:
+        raise reader.mistakes[0]
+    return content
+
+
+def find_robot(file: str | os.PathLike[str]) -> str:
+    """Return the name or the path of the arm that a program names."""
+    return _Reader(file).find_robot()
+
+
+def find_mistakes(file: str | os.PathLike[str], robot: Robot | str | None = None) -> list[InvalidInput]:
+    """Return the mistakes of a file: the first one of each part and event, in their order."""
+    try:
+        reader = _Reader(file)
+        reader.read(reader.find_robot() if robot is None else robot)
+    except InvalidInput as error:
+        return [error]
+    return reader.mistakes
 
 
 class _Reader:
-    """Reads the parts of a file one after another; `where` names the one that is read."""
+    """Reads the parts of a file one after another; `where` names the one that is read, `mistakes` are those found."""
 
-    def __init__(self, file: FilePath, data: dict[str, Any]) -> None:
-        self.file, self.data, self.where = file, data, ""
+    def __init__(self, file: str | os.PathLike[str]) -> None:
+        self.file, self.where, self.mistakes = FilePath(file), "", list[InvalidInput]()
+        content = decode_text(read_bytes(self.file, most=MOST_PROGRAM_BYTES), str(file))
+        self.data = read_record(parse_toml(content, str(file)), (), f"{file}: keys", optional=FILE_KEYS)
 
-    def read(self, robot: Robot | str | None) -> ProgramFile:
-        """Return the content; every error names the file and the place in it."""
+    def read(self, robot: Robot | str) -> ProgramFile | None:
+        """Return the content; None without a program."""
         try:
-            self._check_keys(self.data, ("robot", "start", "configurations", "frames", "part", "event"))
-            arm = self._load_robot(robot)
+            arm = robot if isinstance(robot, Robot) else load(read_word(robot, "robot"))
             start = self.data.get("start")
             begin = None if start is None else self._read_start(arm, start)
-            program = self._read_program(arm, begin)
-            events = tuple(self._read_event(i, row) for i, row in enumerate(self._rows("event")))
-            return ProgramFile(arm, begin, program, events)
+            items = self._read_items(arm, begin)
+            events = self._read_events()
+            self.where = ""
+            return None if self.mistakes else ProgramFile(arm, begin, Program(items), events)
         except OptikError as error:
-            place = f"{self.file}{f': {self.where}' if self.where else ''}"
-            if isinstance(error, InvalidInput):
-                raise InvalidInput(
-                    f"{place}: {error.argument}", error.got, error.expected, advice=error.advice
-                ) from None
-            raise InvalidInput(place, str(error), "a program") from None
+            self._note(error)
+            return None
+
+    def _note(self, error: OptikError) -> None:
+        """Add a mistake, with the file and the place in it."""
+        place = f"{self.file}{f': {self.where}' if self.where else ''}"
+        if isinstance(error, InvalidInput):
+            named = InvalidInput(f"{place}: {error.argument}", error.got, error.expected, advice=error.advice)
+        else:
+            named = InvalidInput(place, str(error), "a program")
+        self.mistakes.append(named)
+
+    def find_robot(self) -> str:
+        """Return the name or the path of the arm; reading it runs no code."""
+        name = self.data.get("robot")
+        try:
+            if name is None:
+                raise InvalidInput("robot", "none in the file, and none given", "the name or the file of an arm")
+            word = read_word(name, "robot")
+            if not is_path(word) and ":" not in word:
+                return word
+            if FilePath(word).suffix.lower() not in ARM_SUFFIXES:  # a Python file or a xacro file would run code
+                expected = f"a name from optik.robots(), or a file {', '.join(ARM_SUFFIXES)}"
+                raise InvalidInput("robot", repr(word)[:80], expected)
+            return str(self._below(word, "robot"))
+        except InvalidInput as error:
+            raise InvalidInput(f"{self.file}: {error.argument}", error.got, error.expected) from None
 
     # ------------------------------------------------------------ values
-
-    def _check_keys(self, data: Any, allowed: tuple[str, ...], argument: str = "the file") -> None:
-        if not isinstance(data, Mapping):
-            raise InvalidInput(argument, repr(data)[:60], f"a table with the keys {', '.join(allowed)}")
-        for key in data:
-            if key not in allowed:
-                near = get_close_matches(key, allowed, n=1, cutoff=0.5)
-                raise InvalidInput(
-                    key, "an unknown key", f"{f'{near[0]}? or ' if near else ''}one of: {', '.join(allowed)}"
-                )
 
     def _rows(self, key: str) -> list[Any]:
         self.where = ""
@@ -182,25 +215,6 @@ class _Reader:
         if given.is_absolute() or not found.is_relative_to(folder):
             raise InvalidInput(key, repr(name)[:80], "a file below the folder of the program, relative to it")
         return found
-
-    def _load_robot(self, robot: Robot | str | None) -> Robot:
-        if isinstance(robot, Robot):
-            return robot
-        name = self.data.get("robot") if robot is None else robot
-        if name is None:
-            raise InvalidInput("robot", "none in the file, and none given", "the name or the file of an arm")
-        word = read_word(name, "robot")
-        if robot is not None:
-            return load(word)
-        if is_path(word):  # a Python file or a xacro file would run code
-            if FilePath(word).suffix.lower() not in ARM_SUFFIXES:
-                raise InvalidInput("robot", repr(word)[:80], f"a name, or a file {', '.join(ARM_SUFFIXES)}")
-            return load(self._below(word, "robot"))
-        if ":" in word:
-            raise InvalidInput(
-                "robot", repr(word)[:80], "a name from optik.robots(), or a file below the folder of the program"
-            )
-        return load(word)
 
     def _read_joints(self, arm: Robot, value: Any, key: str) -> Array:
         factors = np.where(arm.prismatic, 1e-3, np.pi / 180.0)
@@ -219,7 +233,7 @@ class _Reader:
 
     def _read_pose(self, data: Any, key: str, seen: tuple[str, ...] = ()) -> Array:
         """Return a pose in the base, from the frame that it names."""
-        self._check_keys(data, ("frame", "xyz_mm", "rpy_deg"), key)
+        read_record(data, (), key, optional=POSE_KEYS)
         xyz = read_vector(data.get("xyz_mm", [0.0, 0.0, 0.0]), f"{key}.xyz_mm") * 1e-3
         pose = se3.from_xyz_rpy(xyz, read_vector(data.get("rpy_deg", [0.0, 0.0, 0.0]), f"{key}.rpy_deg"))
         return np.asarray(self._read_frame(data["frame"], f"{key}.frame", seen) @ pose if "frame" in data else pose)
@@ -236,29 +250,32 @@ class _Reader:
 
     # ------------------------------------------------------------ parts
 
-    def _read_program(self, arm: Robot, start: Array | None) -> Program:
-        """Return the program; the pose of the tool is known from part to part, for arcs and tables."""
+    def _read_items(self, arm: Robot, start: Array | None) -> list[Item]:
+        """Return the items of the program; the pose of the tool is known from part to part, for arcs and tables."""
         rows, items, robot = self._rows("part"), list[Item](), arm
         pose = None if start is None else robot.fk(start)
         for i, row in enumerate(rows):
-            self.where = f"part {i + 1}"
-            if not isinstance(row, Mapping):
-                raise InvalidInput("part", repr(row)[:60], "a table")
-            self.where += f" {row['name']!r}" if isinstance(row.get("name"), str) else ""
-            item = self._read_item(robot, row, pose, rows)
+            named = isinstance(row, Mapping) and isinstance(row.get("name"), str)
+            self.where = f"[[part]] {i + 1}{' ' + repr(row['name']) if named else ''}"
+            try:
+                item = self._read_item(robot, row, pose, rows)
+                changed = item.apply(robot) if isinstance(item, ToolChange) else robot
+            except OptikError as error:
+                self._note(error)
+                continue
             items.append(item)
-            if isinstance(item, ToolChange):
-                changed = item.apply(robot)
+            if changed is not robot:
                 pose = None if pose is None else pose @ se3.inverse(robot.tool) @ changed.tool
                 robot = changed
             elif isinstance(item, Part):
                 pose = _end_of(item, robot, pose)
-        self.where = ""
-        return Program(items)
+        return items
 
-    def _read_item(self, robot: Robot, row: Mapping[str, Any], pose: Array | None, rows: list[Any]) -> Item:
+    def _read_item(self, robot: Robot, row: Any, pose: Array | None, rows: list[Any]) -> Item:
+        if not isinstance(row, Mapping):
+            raise InvalidInput("part", repr(row)[:60], "a table")
         if "dwell_s" in row:
-            self._check_keys(row, ("dwell_s",))
+            read_record(row, ("dwell_s",), "keys")
             return Dwell(check_number(row["dwell_s"], "dwell_s", "seconds, at least 0", least=0.0))
         if any(key in row for key in CHANGE_KEYS):
             return self._read_change(row)
@@ -266,7 +283,7 @@ class _Reader:
         if len(goals) != 1:
             got = " and ".join(goals) if goals else f"none among the keys {', '.join(row) or 'of an empty table'}"
             raise InvalidInput("goal", got, f"one of: {', '.join(GOALS)}; or dwell_s, or {', '.join(CHANGE_KEYS)}")
-        self._check_keys(row, (*goals, *MOVE_KEYS.get(goals[0], ()), *PART_KEYS))
+        read_record(row, tuple(goals), "keys", optional=(*MOVE_KEYS.get(goals[0], ()), *PART_KEYS))
         goal, move = self._read_goal(robot, goals[0], row, pose, rows), row.get("move")
         return Part(
             goal, None if isinstance(goal, Path) else move, row.get("name"), self._number(row, "blend_mm", 1e-3) or 0.0,
@@ -327,7 +344,7 @@ class _Reader:
         return np.asarray(path.pose(0.0) @ se3.pose(p=offset))
 
     def _read_change(self, row: Mapping[str, Any]) -> ToolChange:
-        self._check_keys(row, CHANGE_KEYS)
+        read_record(row, (), "keys", optional=CHANGE_KEYS)
         payload: Any = KEEP
         if "payload_kg" in row:
             mass = check_number(row["payload_kg"], "payload_kg", "a mass [kg], at least 0", least=0.0)
@@ -339,9 +356,18 @@ class _Reader:
 
     # ------------------------------------------------------------ events
 
-    def _read_event(self, i: int, row: Any) -> Scheduled:
-        self.where = f"event {i + 1}"
-        self._check_keys(row, EVENT_KEYS)
+    def _read_events(self) -> tuple[Scheduled, ...]:
+        found = []
+        for i, row in enumerate(self._rows("event")):
+            self.where = f"[[event]] {i + 1}"
+            try:
+                found.append(self._read_event(row))
+            except OptikError as error:
+                self._note(error)
+        return tuple(found)
+
+    def _read_event(self, row: Any) -> Scheduled:
+        read_record(row, (), "keys", optional=EVENT_KEYS)
         places = [key for key in ("distance_mm", "fraction", "spacing_mm", "time_s") if key in row]
         if len(places) != 1 or "signal" not in row or ("part" in row) == (places == ["time_s"]):
             keys = ", ".join(row) or "no keys"

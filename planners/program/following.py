@@ -70,7 +70,7 @@ class Leg(NamedTuple):
     plan: Plan | None = None
 
 
-class Failed(NamedTuple):
+class FailedPart(NamedTuple):
     """A part that could not be followed."""
 
     path: Path
@@ -88,7 +88,7 @@ class PartFollower:
 
     # ------------------------------------------------------------ following the parts
 
-    def follow_all(self, q: Array | None) -> tuple[list[Leg], Failed | None]:
+    def follow_all(self, q: Array | None) -> tuple[list[Leg], FailedPart | None]:
         """Return the parts, followed one after another; where a part cannot be followed, those before it and the failure."""
         legs: list[Leg] = []
         items, robot, k = self.program.items, self.robot, 0
@@ -111,7 +111,7 @@ class PartFollower:
         """Return the place of a part among the items."""
         return self.program.items.index(self.program.parts[part])
 
-    def _follow_run(self, k: int, robot: Robot, q: Array | None) -> tuple[list[Leg], Failed | None]:
+    def _follow_run(self, k: int, robot: Robot, q: Array | None) -> tuple[list[Leg], FailedPart | None]:
         """Return the part at an item, and where its configuration must be chosen, the Cartesian parts behind it, too."""
         part = self.program.items[k]
         assert isinstance(part, Part)
@@ -123,7 +123,7 @@ class PartFollower:
         if candidates is None:
             leg = self._follow_part(part, robot, q, None)
             return ([leg], None) if isinstance(leg, Leg) else ([], leg)
-        best: tuple[tuple[int, float], list[Leg], Failed] | None = None
+        best: tuple[tuple[int, float], list[Leg], FailedPart] | None = None
         for chosen in candidates:
             run, failed = self._try(k, robot, q, chosen)
             if failed is None:
@@ -131,14 +131,13 @@ class PartFollower:
             rank = len(run), failed.failure.s
             if best is None or rank > best[0]:
                 best = rank, run, failed
-        if best is None:
-            reason = "no configuration inside the limits reaches its start"
-            failure = PlanFailure(PlanStatus.UNREACHABLE, 0.0, None, reason, "a path that begins within reach")
+        if best is None:  # following says why
+            failure = self._follow_path(robot, part.goal, None, "best").failure
             return [], self.explain(part, part.goal, failure)
         _, run, failed = best
         return run, self._say_tried(failed, part, len(run), len(candidates))
 
-    def _try(self, k: int, robot: Robot, q: Array | None, chosen: Array) -> tuple[list[Leg], Failed | None]:
+    def _try(self, k: int, robot: Robot, q: Array | None, chosen: Array) -> tuple[list[Leg], FailedPart | None]:
         """Return the run of parts that follows from a choice: it ends before joints, or before the next choice."""
         run: list[Leg] = []
         for item in self.program.items[k:]:
@@ -149,7 +148,7 @@ class PartFollower:
             if run and (_is_choice(item) or not _is_cartesian(item)):
                 break
             leg = self._follow_part(item, robot, q, None if run else chosen)
-            if isinstance(leg, Failed):
+            if isinstance(leg, FailedPart):
                 return run, leg
             run.append(leg)
             q = leg.ends[1]
@@ -202,7 +201,7 @@ class PartFollower:
         solver = get_solver(robot, options.solver)
         return follow(solver, path, q, branch=branch, samples=samples, tolerance=share, scene=options.scene)
 
-    def _follow_part(self, part: Part, robot: Robot, q: Array | None, chosen: Array | None) -> Leg | Failed:
+    def _follow_part(self, part: Part, robot: Robot, q: Array | None, chosen: Array | None) -> Leg | FailedPart:
         """Return a part followed from a configuration; `chosen` is the one of its goal, or of its start if there is none."""
         goal, label = part.goal, self._label(part)
         if q is None:
@@ -259,7 +258,9 @@ class PartFollower:
         index = self.program.parts.index(part)
         return f"the end of {self.program.label(index - 1)}" if index else "q_start"
 
-    def _plan_alone(self, part: Part, robot: Robot, path: Path | None, q: Array, chosen: Array | None) -> Leg | Failed:
+    def _plan_alone(
+        self, part: Part, robot: Robot, path: Path | None, q: Array, chosen: Array | None
+    ) -> Leg | FailedPart:
         """Return a part whose path is chosen by its own plan: with freedoms, or around obstacles."""
         goal = path if path is not None else part.goal if chosen is None else chosen
         found = self.alone(
@@ -286,13 +287,13 @@ class PartFollower:
     def _label(self, part: Part) -> str:
         return self.program.label(self.program.parts.index(part))
 
-    def explain(self, part: Part, path: Path, failure: PlanFailure) -> Failed:
+    def explain(self, part: Part, path: Path, failure: PlanFailure) -> FailedPart:
         """Return the failure of a part, which names it."""
         reason = f"{self._label(part)} ({path.name.replace('_', ' ')}): {failure.reason}"
         advice = ADVICE if "branch=" in failure.advice or not failure.advice else failure.advice
-        return Failed(path, replace(failure, reason=reason, advice=advice, part=self.program.parts.index(part)))
+        return FailedPart(path, replace(failure, reason=reason, advice=advice, part=self.program.parts.index(part)))
 
-    def _say_tried(self, failed: Failed, part: Part, followed: int, count: int) -> Failed:
+    def _say_tried(self, failed: FailedPart, part: Part, followed: int, count: int) -> FailedPart:
         """Return a failure with the number of configurations that were tried."""
         if count == 1:
             return failed

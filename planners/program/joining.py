@@ -64,26 +64,17 @@ class Corner:
     reduced: str = ""
 
 
-@dataclass(frozen=True)
-class Section:
-    """The parts of a section as one path: its places in s, and its corners, whose parts are counted from its first one."""
-
-    path: JointCurve
-    places: Array
-    corners: tuple[Corner, ...]
-
-
 def sharpen(robot: Robot, path: Path, joints: JointPath | None) -> Sharp:
     """Return a part as a curve of the joints: through the nodes of its joint path, or itself if it is a curve of the joints."""
     own = isinstance(path, JointLine | PointToPoint)
-    if own:
-        s = np.array([0.0, path.end]) if isinstance(path, JointLine) else path.breaks
+    if own:  # septics between its breaks are the path itself
+        s = path.breaks
         values = np.stack([np.asarray(path.configurations(robot, s, order)) for order in range(4)], axis=1)
     else:
         assert joints is not None
         s, values = joints.nodes, joints.at_nodes
     curve = JointCurve(robot, s, values[:, 0], values[:, 1:], breaks=s[[0, -1]])
-    along = curve.joints(np.linspace(0.0, curve.end, LENGTH_CHORDS + 1))[:, 0]
+    along = curve.configurations(robot, np.linspace(0.0, curve.end, LENGTH_CHORDS + 1))
     factor = float(np.linalg.norm(np.diff(along, axis=0), axis=1).sum()) / curve.end
     scale = factor ** np.arange(1, 4)[:, None]
     curve = JointCurve(robot, s * factor, values[:, 0], values[:, 1:] / scale, breaks=s[[0, -1]] * factor)
@@ -94,22 +85,15 @@ def round_corners(
     robot: Robot, parts: Sequence[Sharp], zones: Sequence[Array], tolerance: Tolerance
 ) -> list[tuple[Zone | None, str]]:
     """Return the corner between any two parts, None for a stop, and why it is narrower than its zone."""
-    zones = [
-        zone - np.array([tolerance.position, tolerance.rotation]) for zone in zones
-    ]  # which the parts and the motion may use
-    curves, half, why = [part.curve for part in parts], [], []
+    used = np.array([tolerance.position, tolerance.rotation])  # by the parts and by the motion
+    zones = [zone - used for zone in zones]
+    curves, half, why = [part.curve for part in parts], list[float](), list[str]()
     for one, two, zone in zip(curves[:-1], curves[1:], zones, strict=True):
         most = SHARE * min(one.end, two.end)
-        if reverses(one, two):
-            half.append(0.0)
-            why.append("the path reverses its direction there")
-            continue
-        if (zone <= 0.0).any():
-            half.append(0.0)
-            why.append("its zone is not larger than the tolerance")
-            continue
-        half.append(find_half_width(robot, one, two, zone, most))
-        why.append("the shorter of its parts ends" if half[-1] >= most else "")
+        stop = "the path reverses its direction there" if reverses(one, two) else ""
+        stop = "its zone is not larger than the tolerance" if (zone <= 0.0).any() else stop
+        half.append(0.0 if stop else find_half_width(robot, one, two, zone, most))
+        why.append(stop or ("the shorter of its parts ends" if half[-1] >= most else ""))
     for i, curve in enumerate(curves[1:-1]):
         both = half[i] + half[i + 1]
         if both > SHARE * curve.end:
@@ -118,9 +102,8 @@ def round_corners(
                 why[k] = why[k] or f"it shares a part with the zone {'after' if k == i else 'before'} it"
     found: list[tuple[Zone | None, str]] = []
     for one, two, zone, h, reason in zip(curves[:-1], curves[1:], zones, half, why, strict=True):
-        built = build_zone(robot, one, two, zone, h) if h else None
-        shrunk = built is not None and built.half < 0.9 * h
-        found.append((built, reason or ("a joint reaches its limit" if shrunk or built is None else "")))
+        built, narrower = build_zone(robot, one, two, zone, h) if h else (None, "")
+        found.append((built, narrower or reason))
     return found
 
 
@@ -142,15 +125,14 @@ def join_parts(robot: Robot, parts: Sequence[Sharp], zones: Sequence[Zone]) -> t
         high = part.curve.end - (zones[i].half if i < len(zones) else 0.0)
         near = part.near or NEAR_NODE * (high - low)
         inner = part.curve.s[(part.curve.s > low + near) & (part.curve.s < high - near)]
-        s, values = place_nodes(part.curve.joints, np.concatenate([[low], inner, [high]]), part.near)
+        s, values = place_nodes(part.curve.coordinates, np.concatenate([[low], inner, [high]]), part.near)
         marks = np.append(_spread_breaks(low, high, part.breaks), high)
         add(places[i] + s, values, places[i] + marks, (i, i))
         if i < len(zones):
             half = zones[i].half
             count = max(1, int(np.ceil(half / BREAK_SPACING)))
-            marks = places[i + 1] + half * (np.arange(count) + 1.0) / count
-            before, after = places[i + 1] - half + (marks - places[i + 1]), marks
-            add(places[i + 1] + zones[i].s, zones[i].joints, np.append(before, after), (i, i + 1))
+            marks = half * (np.arange(count) + 1.0) / count
+            add(places[i + 1] + zones[i].s, zones[i].joints, places[i + 1] + np.append(marks - half, marks), (i, i + 1))
             owners[-count:] = [(i + 1, i)] * count  # the speeds of each part hold up to the middle
     s, values, marks = np.concatenate(nodes), np.concatenate(joints), np.array(breaks)
     s[-1] = marks[-1] = places[-1]

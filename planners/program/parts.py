@@ -20,6 +20,7 @@ from optik.types import Array
 from planners.choice.first_paths import check_avoid
 from planners.paths.base import Path
 from planners.paths.polyline import Polyline, find_reversals
+from planners.paths.program import ProgramPath
 from planners.search.base import SearchLike
 
 FRAMES = ("tool", "base")
@@ -95,6 +96,8 @@ class Part:
     avoid: bool | SearchLike = False
 
     def __post_init__(self) -> None:
+        if isinstance(self.goal, ProgramPath):
+            raise InvalidInput("goal", "the path of a program", "the parts of that program, or the path of one section")
         if not isinstance(self.goal, Path | Move):
             expected = "joints (n,), a pose (4, 4), a Move or a Path"
             goal = _read_finite(self.goal, np.shape(self.goal), "goal", expected)

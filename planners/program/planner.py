@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -18,12 +19,17 @@ from planners.certificate.sections import limits_of_parts
 from planners.following.failure import PlanFailure
 from planners.limits import TOOL_SPEEDS, MotionLimits
 from planners.motion import PlanStatus
-from planners.planning.result import Plan
-from planners.program.following import Failed, Leg, Options, PartFollower, PlanAlone
+from planners.paths.joint_curve import JointCurve
+from planners.paths.joint_line import JointLine
+from planners.paths.point_to_point import PointToPoint
+from planners.planning.result import Plan, PlanSeconds
+from planners.program.following import FailedPart, Leg, Options, PartFollower, PlanAlone
 from planners.program.joining import Corner, Sharp, join_parts, round_corners, sharpen
 from planners.program.parts import Dwell, Part, Program
 from planners.program.result import PartRecord, ProgramPlan, build_plan
 
+EXACT = JointLine | PointToPoint | JointCurve
+"""Paths that a section takes over as they are."""
 NARROWER, MOST_NARROWER = 0.4, 3
 """Factor of a zone whose rounded corner is in contact or cannot be timed, and how often it is tried; then the arm stops."""
 
@@ -33,14 +39,18 @@ def plan_program(
 ) -> ProgramPlan:
     """Return the plan of a program."""
     q = None if q_start is None else check_start(robot, q_start, "q_start")
-    planner = ProgramPlanner(PartFollower(robot, program, alone, options))
+    for name in TOOL_SPEEDS:
+        if np.ndim(options.limits.value(name)):
+            raise InvalidInput(
+                f"limits.{name}", "more than one number", f"one number: a part has its own (Part.{name})"
+            )
+    started, planner = perf_counter(), ProgramPlanner(PartFollower(robot, program, alone, options))
     legs, failed = planner.follower.follow_all(q)
-    if failed is not None:
-        return planner.fail(failed, legs)
-    found = planner.plan_sections(legs)
-    if duration is None or not found:
-        return found
-    return planner.slow(found, legs, duration)
+    found = planner.fail(failed, legs) if failed is not None else planner.plan_sections(legs)
+    if found and duration is not None:
+        found = slow_sections(found, duration)
+    _, timing, proof = found.seconds
+    return replace(found, seconds=PlanSeconds(perf_counter() - started - timing - proof, timing, proof))
 
 
 @dataclass(frozen=True)
@@ -59,7 +69,7 @@ class ProgramPlanner:
         """What the program is planned with."""
         return self.follower.options
 
-    def fail(self, failed: Failed, legs: Sequence[Leg], sections: Sequence[Plan] = ()) -> ProgramPlan:
+    def fail(self, failed: FailedPart, legs: Sequence[Leg], sections: Sequence[Plan] = ()) -> ProgramPlan:
         """Return the plan without a motion."""
         why = failed.failure
         solver, law = self._names(sections)
@@ -85,13 +95,13 @@ class ProgramPlanner:
         limits, at = self._whole_limits(), 0.0
         for group in self._split(legs):
             for planned in self._plan_group(group):
-                if isinstance(planned, Failed):
+                if isinstance(planned, FailedPart):
                     return self.fail(planned, legs, sections)
                 plan, places, own, chosen = planned
                 for leg, a, b in zip(chosen, places[:-1], places[1:], strict=True):
                     name = self.program.parts[leg.part].name
                     alone = len(chosen) == 1  # a plan chooses the shape of a part alone
-                    joints = None if alone or leg.path.in_joints else leg.joint_path
+                    joints = None if alone or isinstance(leg.path, EXACT) else leg.joint_path
                     parts.append(
                         PartRecord(name, plan.path if alone else leg.path, len(sections), at + a, at + b, joints)
                     )
@@ -110,7 +120,7 @@ class ProgramPlanner:
                 yield group
                 group = []
 
-    def _plan_group(self, legs: list[Leg]) -> Iterator[tuple[Plan, Array, list[Corner], list[Leg]] | Failed]:
+    def _plan_group(self, legs: list[Leg]) -> Iterator[tuple[Plan, Array, list[Corner], list[Leg]] | FailedPart]:
         """Return the sections of parts with zones between: one, or more where a corner has to be a stop."""
         zones = [self.program.parts[leg.part].zone for leg in legs[:-1]]
         robot, tolerance, n = legs[0].robot, self.options.tolerance, len(legs)
@@ -136,9 +146,8 @@ class ProgramPlanner:
                     if again < 0:
                         yield self.follower.explain(self.program.parts[legs[own[0]].part], plan.path, plan.failure)
                         return
-                    reasons[again] = (
-                        "without it the motion is in contact" if plan.status is PlanStatus.CONTACT else str(plan.status)
-                    )
+                    ended = "in contact" if plan.status is PlanStatus.CONTACT else str(plan.status).replace("_", " ")
+                    reasons[again] = f"the motion with a wider corner is {ended}"
                     break
                 if b < n - 1:
                     why = reasons[b] or made[b][1]
@@ -163,13 +172,8 @@ class ProgramPlanner:
             part = self.program.parts[first.part]
             plan = first.plan
             if plan is None:
-                plan = self.follower.alone(
-                    first.robot,
-                    first.path,
-                    first.ends[0],
-                    limits=self.follower.find_limits(part),
-                    tolerance=self.options.tolerance,
-                )
+                limits, tolerance = self.follower.find_limits(part), self.options.tolerance
+                plan = self.follower.alone(first.robot, first.path, first.ends[0], limits=limits, tolerance=tolerance)
             return plan, np.array([0.0, first.path.end]), []
         path, places = join_parts(first.robot, sharp, [zone for zone, _ in zones])
         corners = [
@@ -201,20 +205,21 @@ class ProgramPlanner:
                 own[name] = np.array([np.inf if x is None else x for x in each])
         return replace(self.options.limits, **own) if own else self.options.limits
 
-    def slow(self, found: ProgramPlan, legs: Sequence[Leg], duration: float) -> ProgramPlan:
-        """Return the plan with all sections slowed by one factor, so that the whole has a duration [s]."""
-        waits = self._waits(found.parts)
-        moving = found.duration - sum(waits)
-        factor = (duration - sum(waits)) / moving
-        if not factor >= 1.0 - 1e-12:
-            least = f"{found.duration:.6g} s, of which {sum(waits):.6g} s are waits"
-            raise InvalidInput("duration", f"{duration:g} s", f"at least {least}")
-        sections = []
-        for section in found.sections:
-            alone = self.follower.alone(
-                section.robot, section.path, None if section.path.in_joints else section.trajectory(0.0),
-                limits=section.limits, tolerance=section.certificate.tolerance,
-                duration=factor * section.trajectory.duration,
-            )  # fmt: skip
-            sections.append(alone)
-        return build_plan(sections, waits, found.parts, found.corners, found.limits)
+
+def slow_sections(found: ProgramPlan, duration: float) -> ProgramPlan:
+    """Return the plan with all sections, but no wait, slowed by one factor, so that the whole has a duration [s]."""
+    waits = sum(found.waits)
+    factor = (duration - waits) / (found.duration - waits)
+    if not factor >= 1.0 - 1e-12:
+        least = f"{found.duration:.6g} s, of which {waits:.6g} s are waits"
+        raise InvalidInput("duration", f"{duration:g} s", f"at least {least}")
+    sections = []
+    for section in found.sections:
+        if section.speed is not None:
+            raise InvalidInput(
+                "duration", f"{duration:g} s, with a constant tool speed", "none: the speed determines it"
+            )
+        slower = replace(section.motion, trajectory=section.trajectory.slowed(factor))
+        proof = slower.certify(rate=section.certificate.rate)
+        sections.append(replace(section, _trajectory=slower.trajectory, _certificate=proof))
+    return build_plan(sections, found.waits, found.parts, found.corners, found.limits)

@@ -15,10 +15,10 @@ from optik.errors import InvalidInput
 from planners.certificate.sections import SectionTimes, find_stops, merge_certificates
 from planners.following.joint_path import JointPath
 from planners.limits import MotionLimits
-from planners.motion import PlanStatus
 from planners.motion.event import Event
 from planners.paths.base import Path
 from planners.paths.program import SAME_PLACE, ProgramPath
+from planners.planning.request import judge_certificate
 from planners.planning.result import Plan, PlanSeconds
 from planners.program.events import (
     PathEvent,
@@ -88,7 +88,7 @@ class ProgramPlan(Plan):
     Attributes
     ----------
     sections : tuple of Plan
-        The plans between two stops, in their order; on failure those before it. After `replan`, `covered` are those that move.
+        The plans between two stops, in their order; on failure those before it. After `replan` not all move.
     waits : tuple of float
         The wait before the first section, and after each [s].
     parts : tuple of PartRecord
@@ -163,10 +163,10 @@ class ProgramPlan(Plan):
                 continue
             section = self.parts[find_part(self.parts, spec.part)].section
             places = list_places(self.parts, self.corners, self.path, spec)
-            if section not in self.covered:
+            if section not in self.moving_sections:
                 continue
             joints, start = self.sections[section].joint_path, float(self.path.starts[section])
-            when, before = self.times[self.covered.index(section)], getattr(spec, "before", 0.0)
+            when, before = self.times[self.moving_sections.index(section)], getattr(spec, "before", 0.0)
             for s in places:
                 if first <= s + SAME_PLACE * self.path.end and s <= last + SAME_PLACE * self.path.end:
                     t = find_time(self, joints, start, s, when) - before
@@ -185,14 +185,14 @@ class ProgramPlan(Plan):
         return self.trajectory.duration
 
     @property
-    def covered(self) -> range:
+    def moving_sections(self) -> range:
         """The sections that the motion covers: all, unless it is that of `replan`."""
         assert isinstance(self.path, ProgramPath)
         return self.path.find_sections((0.0, self.path.end) if self.span is None else self.span)
 
     @cached_property
     def times(self) -> tuple[SectionTimes, ...]:
-        """When each section of `covered` begins, when its motion ends, and when the wait after it ends [s]."""
+        """When each section of `moving_sections` begins, when its motion ends, and when the wait after it ends [s]."""
         assert isinstance(self.path, ProgramPath)
         return tuple(find_stops(self.path, self.trajectory, self.span))
 
@@ -256,11 +256,11 @@ def build_plan(
         sections[0].robot, path.starts[which], trajectory, [p.certificate for p in moving], begins
     )
     seconds = reduce(_add_seconds, [section.seconds for section in moving])
-    status = PlanStatus.SOLVED if proof.is_valid else PlanStatus.NOT_PROVED
+    status, failure = judge_certificate(proof)
     span = None if covered is None else (proof.coverage.wanted[0], proof.coverage.wanted[1])
     first, last = moving[0], moving[-1]
     return ProgramPlan(
-        first.robot, path, limits, status, first.solver, first.law, None, None, trajectory, proof,
+        first.robot, path, limits, status, first.solver, first.law, None, failure, trajectory, proof,
         max(section.slowed for section in moving), span, first.speed, first.scene, seconds, first.before, first.start_error,
         last.stop_kind, sections=tuple(sections), waits=tuple(waits), parts=tuple(parts), corners=tuple(corners),
     )  # fmt: skip

@@ -43,7 +43,7 @@ def replan_program(
     k = max(int(np.searchsorted([each.begin for each in times], t, side="right")) - 1, 0)
     if measured and np.abs(motion(t) - state[0]).max() > OFF_MOTION:  # at rest, where the motion does not stop
         k, t = _find_nearest_section(running, np.asarray(state[0]))
-    i, sections = running.covered[k], list(running.sections)
+    i, sections = running.moving_sections[k], list(running.sections)
     waiting = t < times[k].begin  # the first section
     section, left = _as_running(running, i, times[k]), (times[k].begin if waiting else times[k].end) - t
     whole = section.span is None or section.span[1] >= section.path.end * (1.0 - AT_END)
@@ -105,7 +105,7 @@ def _is_ahead(event: Scheduled, t: float) -> bool:
 
 def _find_nearest_section(running: ProgramPlan, q: Array) -> tuple[int, float]:
     """Return the number of the covered section whose joint path is nearest to a configuration, and when it begins."""
-    paths = [running.sections[i].joint_path for i in running.covered]
+    paths = [running.sections[i].joint_path for i in running.moving_sections]
     off = [float(np.abs(path(find_nearest_s(path, q, 0.0)) - q).max()) for path in paths]
     k = int(np.argmin(off))
     return k, running.times[k].begin

@@ -74,10 +74,14 @@ def test_check_shows_the_parts_and_a_mistake_is_one_line(tmp_path: Path) -> None
     }
     assert rows[3] == {"change": "payload 1.5 kg"}
     (tmp_path / "p.toml").write_text('robot = "ur5e"\n[[part]]\nname = "up"\nvector_mm = [0, 0]\n')
-    for command in (("program", "check"), ("plan", "program")):
-        wrong = run(*command, tmp_path / "p.toml")
-        assert wrong.exception is not None or wrong.exit_code == 2
-        assert "part 1 'up': vector_mm: expected 3 finite numbers" in str(wrong.exception)
+    words = "[[part]] 1 'up': vector_mm: expected 3 finite numbers"
+    checked, planned = (run(*command, tmp_path / "p.toml") for command in (("program", "check"), ("plan", "program")))
+    assert checked.exit_code == 2 and words in checked.output and words in str(planned.exception)
+    (tmp_path / "p.toml").write_text(
+        'robot = "ur5e"\nstart = [0, -90, 90, -90, -90, 0]\n[[part]]\nvector_mm = [0, 0, 50]\n'
+    )
+    loaded = run("plan", "program", tmp_path / "p.toml", *LIMITS, "--payload", "3")
+    assert "with 3 kg" in " ".join(loaded.output.split())  # options on the arm count for the one in the file
 
 
 def test_a_part_that_cannot_be_followed_is_named(tmp_path: Path) -> None:

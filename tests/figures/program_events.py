@@ -61,7 +61,7 @@ def measure(case: int) -> Row:
 def oracle(robot: optik.Robot, motion: planners.ProgramPlan, part: int, place: float | None, s: float) -> float:
     """The time at which the tool passes the plane across its path at a place of a line, or at s of the rounded path."""
     section = motion.parts[part].section
-    begin, rest, _ = motion.times[motion.covered.index(section)]
+    begin, rest, _ = motion.times[motion.moving_sections.index(section)]
     path, at = (motion.path, s) if place is None else (motion.parts[part].path, place)
     point, along = path.pose(at)[:3, 3], path.twist(at)[:3]
 

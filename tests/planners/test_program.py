@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
@@ -9,8 +11,22 @@ import optik
 import planners
 from optik import se3
 from optik.errors import InvalidInput
+from optik.scene import contact
 from optik.types import Array
-from planners import Dwell, JointLine, Line, MotionLimits, Move, Part, PlanStatus, PointToPoint, Polyline, Program
+from planners import (
+    Dwell,
+    JointLine,
+    Line,
+    MotionLimits,
+    Move,
+    Part,
+    PlanStatus,
+    PointToPoint,
+    Polyline,
+    Program,
+    ToolChange,
+)
+from planners.motion.show import show_motion
 from planners.program.corners import _round
 from planners.program.following import fade_out
 from planners.program.joining import sharpen
@@ -75,9 +91,9 @@ def test_the_superposition_of_a_corner_has_the_derivatives_of_differences():
         slope = (_round(one, two, 0.1, u + h)[:, order] - _round(one, two, 0.1, u - h)[:, order]) / (2.0 * h * w)
         np.testing.assert_allclose(slope, exact[:, order + 1], atol=1e-5 * max(1.0, np.abs(exact[:, order + 1]).max()))
     np.testing.assert_allclose(
-        _round(one, two, 0.1, np.array([0.0]))[0, 0], one.joints(np.array([one.end - 0.1]))[0, 0]
+        _round(one, two, 0.1, np.array([0.0]))[0, 0], one.coordinates(np.array([one.end - 0.1]))[0, 0]
     )
-    np.testing.assert_allclose(_round(one, two, 0.1, np.array([1.0]))[0, 0], two.joints(np.array([0.1]))[0, 0])
+    np.testing.assert_allclose(_round(one, two, 0.1, np.array([1.0]))[0, 0], two.coordinates(np.array([0.1]))[0, 0])
 
 
 @pytest.mark.filterwarnings("error")
@@ -271,3 +287,139 @@ def test_a_replan_into_a_new_obstacle_says_contact():
     found = planners.replan(stopped, stopped.duration, scene=optik.Scene(spheres=[(middle, 0.02)]))
     assert found.status is PlanStatus.CONTACT
     assert found.failure is None or found.failure.part == 1
+
+
+# ---------------------------------------------------------------- what it gives, and what it refuses
+def test_a_program_of_one_part_is_the_plan_of_that_part():
+    for goal in (
+        START + 0.3,
+        HOME @ se3.pose(p=[0.0, 0.05, 0.05]),
+        ways(X, X + Y),
+        PointToPoint(ROBOT, START, START + 0.2, START - 0.1),
+    ):
+        alone, found = planners.plan(ROBOT, goal, START, limits=LIMITS), plan(Part(goal))
+        np.testing.assert_array_equal(found.trajectory.coefficients, alone.trajectory.coefficients)
+        np.testing.assert_array_equal(found.trajectory.knots, alone.trajectory.knots)
+
+
+def test_a_move_of_the_joints_to_a_pose_takes_the_configuration_from_which_the_lines_are_followed():
+    rng, looked = np.random.default_rng(7), 0
+    for _ in range(60):
+        goal = ROBOT.fk(ROBOT.limits.clip(START + rng.uniform(-1.5, 1.5, 6)))
+        lines = [Part(Move(0.25 * rng.normal(size=3), "base")) for _ in range(2)]
+        nearest = PointToPoint(ROBOT, START, goal)  # by the least way of the joints
+        q = nearest.configurations(ROBOT, np.array([nearest.end]))[0]
+        simple = planners.plan(ROBOT, Program(lines), q, limits=LIMITS)
+        found = plan(Part(goal, move="joint", name="there"), *lines)
+        if found:
+            at = found.parts[0].path.q_goal
+            np.testing.assert_allclose(ROBOT.fk(at), goal, atol=1e-9)
+            looked += not simple
+        else:
+            assert not simple
+            assert f"part {found.failure.part + 1}" in found.failure.reason
+    assert looked >= 1  # where the nearest configuration does not follow
+
+
+def test_the_first_path_without_a_start_chooses_it_and_a_failure_says_what_was_tried():
+    seam = ways(X, X + Y)
+    found = planners.plan(ROBOT, Program([Part(seam, name="seam"), Part(Move(X, "base"))]), limits=LIMITS)
+    assert found
+    far = planners.plan(ROBOT, Program([Part(seam), Part(Move([3.0, 0.0, 0.0], "base"), name="far")]), limits=LIMITS)
+    assert not far and far.failure.part == 1
+    assert re.search(
+        r"part 2 'far' \(line\): .*; none of the \d configurations .* follows parts 1 to 2", far.failure.reason
+    )
+    away = seam.pose(0.0)
+    away[:3, 3] += 5.0
+    lost = planners.plan(ROBOT, Program([Part(Line(away, away @ se3.pose(p=X)))]), limits=LIMITS)
+    assert lost.status == "unreachable" and "no configuration" in lost.failure.reason
+
+
+def test_program_of_stops_where_a_polyline_turns_back():
+    poses = np.array([se3.pose(HOME[:3, :3], HOME[:3, 3] + way) for way in (0 * X, X, X + Y, X, 2 * X)])
+    with pytest.raises(InvalidInput, match=r"waypoints\[2\]: .*planners.Program.of"):
+        Polyline(poses)
+    found = plan(*Program.of(poses, blend=2e-3).items)
+    assert found and len(found.sections) == 2
+    stop = ROBOT.fk(found.trajectory(found.times[0].rest))
+    np.testing.assert_allclose(stop[:3, 3], poses[2][:3, 3], atol=1e-6)
+
+
+def test_a_tool_and_a_payload_count_from_their_change_on():
+    tool = se3.pose(p=[0.0, 0.0, 0.1])
+    found = plan(Part(Move(X, "base")), ToolChange(tool=tool, payload=2.0), Part(Move(Y, "base"), tool_speed=0.1))
+    assert found and found.path.robots[0] == ROBOT
+    other = found.path.robots[1]
+    assert other.payload.mass == 2.0
+    np.testing.assert_array_equal(other.tool, tool)
+    begin, rest, _ = found.times[1]
+    p = other.fk(found.trajectory(np.linspace(begin, rest, 3001)))[:, :3, 3]
+    assert np.abs((p - p[0])[:, [0, 2]]).max() < 1e-5  # the new tool is on its line
+    speed = np.linalg.norm(np.diff(p, axis=0), axis=1) / ((rest - begin) / 3000)
+    assert 0.0999 < speed.max() < 0.1 * (1 + 1e-5)
+
+
+def test_a_duration_slows_the_motion_and_keeps_waits_shapes_and_speeds():
+    moves = PointToPoint(ROBOT, START, START + 0.2, START - 0.1)
+    items = Part(moves), Dwell(0.5), Part(Move(X, "base"), blend=0.01), Part(Move(Y, "base"))
+    fast, slow = plan(*items), plan(*items, duration=6.0)
+    assert slow and slow.duration == pytest.approx(6.0, abs=1e-9)
+    assert slow.times[0].end - slow.times[0].rest == pytest.approx(0.5, abs=1e-9)
+    for u in np.linspace(0.0, 1.0, 50):
+        a, b = (each.trajectory(each.times[0].rest * u) for each in (fast, slow))
+        np.testing.assert_allclose(a, b, atol=1e-9)
+    with pytest.raises(InvalidInput, match="duration: expected at least"):
+        plan(*items, duration=1.0)
+
+
+@pytest.mark.parametrize(("inwards", "narrower"), [(0.04, True), (0.05, True), (0.12, False)])
+def test_a_corner_that_an_obstacle_leaves_no_room_for_is_narrower_and_says_so(inwards, narrower):
+    items = Part(Move(2 * X, "base"), blend=0.05), Part(Move(2 * Y, "base"))
+    centre = HOME[:3, 3] + 2 * X + inwards * np.array([-1.0, 1.0, 0.0]) / np.sqrt(2.0) + [0.0, 0.0, -0.02]
+    scene = optik.Scene(spheres=[(centre, 0.01)])
+    found = plan(*items, scene=scene)
+    assert found and found.certificate.clearance.proved
+    assert (found.corners[0].reduced == "the motion with a wider corner is in contact") == narrower
+    q = samples(found.trajectory)[::4]
+    assert min(contact.find_contact(ROBOT, scene, each).distance for each in q) > 0.0
+
+
+def test_a_program_shows_itself_in_a_notebook_and_as_plots():
+    found = plan(Part(Move(X, "base"), blend=0.01, tool_speed=0.1), Part(Move(Y, "base")), Dwell(0.1), Part(START))
+    card = found._repr_html_()
+    assert "program of 3 parts in 2 sections" in card and "tool_speed" in card and "<script" not in card
+    assert found.plot().data
+    assert len(show_motion(found).zones) == 1
+    failed = plan(Part(Move([0.0, 0.0, 3.0], "base"), name="up"))
+    assert "part 1 &#39;up&#39;" in failed._repr_html_()
+    assert found.seconds.joints > 0.0 and found.to_dict()["corners"][0]["zone"] == (0.01, 0.1)
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: Program([]), "items: expected a list of Part, Dwell and ToolChange"),
+        (lambda: Program([Dwell(1.0)]), "items: expected"), (lambda: Program([START]), "items: expected"),
+        (lambda: Program([Part(START, name="a"), Part(START, name="a")]), "name: expected a name for one part"),
+        (lambda: Program([Part(START, blend=0.1)]), "blend: expected blend=0.*at the last part"),
+        (lambda: Program([Part(START, blend=0.1), Dwell(1.0), Part(START)]), "blend: expected blend=0.*before a Dwell"),
+        (lambda: Part(np.zeros((3, 3))), "goal: expected joints"), (lambda: Part("home"), "goal: expected joints"),
+        (lambda: Part(START, move="joint"), "move: expected"), (lambda: Part(HOME, move="arc"), "move: expected"),
+        (lambda: Part(START, blend=-1.0), "blend: expected"), (lambda: Part(START, blend_rotation=0.1), "blend_rotation: expected"),
+        (lambda: Part(START, tool_speed=0.0), "tool_speed: expected"), (lambda: Part(Move(X), avoid=True), "avoid: expected"),
+        (lambda: Move([1.0, 2.0]), "vector: expected"), (lambda: Move(X, "world"), "frame: expected"),
+        (lambda: Dwell(-1.0), "seconds: expected"), (lambda: ToolChange(), "tool: expected"),
+        (lambda: ToolChange(payload="heavy"), "payload: expected"), (lambda: ToolChange(payload=0.0), "payload: expected"),
+        (lambda: plan(Part(START), branch="best"), "branch: expected none for a program"),
+        (lambda: plan(Part(START), avoid=True), "avoid: expected none for a program"),
+        (lambda: planners.plan(ROBOT, Program([Part(HOME)])), "q_start: expected where the arm starts: part 1"),
+        (lambda: plan(Part(START), limits=MotionLimits(3.0, tool_speed=[0.1, 0.2])), "limits.tool_speed: expected one"),
+        (lambda: plan(Part(np.zeros(5))), "part 1: goal: expected"),
+        (lambda: Part(plan(Part(START + 0.1), Part(START)).path), "goal: expected the parts of that program"),
+    ],
+)  # fmt: skip
+def test_misuse_is_one_line(make, words):
+    with pytest.raises(InvalidInput, match="^" + words) as caught:
+        make()
+    assert "\n" not in str(caught.value)

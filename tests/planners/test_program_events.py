@@ -36,7 +36,7 @@ def root(plan, part: int, distance: float) -> float:
     """The time at which the tool has gone a distance along a line, by bisection on its position in space."""
     line = plan.parts[part].path
     start, along = line.pose(0.0)[:3, 3], line.twist(0.0)[:3]
-    last = plan.covered.index(plan.parts[part].section)
+    last = plan.moving_sections.index(plan.parts[part].section)
     begin, rest, _ = plan.times[last]
 
     def off(t: float) -> float:

@@ -21,6 +21,7 @@ from planners import (
     ToolChange,
     load_program,
 )
+from planners.program.file import find_mistakes
 from tests.oracles import REPOSITORY
 
 HEAD = 'robot = "ur5e"\nstart = "home"\n[configurations]\nhome = [0, -90, 90, -90, -90, 0]\n'
@@ -150,7 +151,7 @@ GOOD = PART + "vector_mm = [0, 0, 10]\n"
 MISTAKES = [
     # the file
     ("robot = ", "p.toml: expected TOML"),
-    ("robotic = 1\n" + GOOD, "robotic: expected robot? or one of"),
+    ("robotic = 1\n" + GOOD, "got robotic unknown; did you mean robot?"),
     ('robot = "ur5f"\n' + GOOD, "unknown robot 'ur5f'"),
     ("robot = 5\n" + GOOD, "robot: expected a string"),
     (GOOD, "robot: expected the name or the file of an arm; got none"),
@@ -158,58 +159,58 @@ MISTAKES = [
     ('robot = "../arm.urdf"\n' + GOOD, "robot: expected a file below the folder"),
     ('robot = "ur5e"\n', "items: expected a list of Part"),
     ('robot = "ur5e"\npart = 3\n', "part: expected a list of tables"),
-    ('robot = "ur5e"\npart = [3]\n', "part 1: part: expected a table"),
+    ('robot = "ur5e"\npart = [3]\n', "[[part]] 1: part: expected a table"),
     ('robot = "ur5e"\nstart = "hom"\n' + GOOD, "configuration: expected one of: none in the file; got 'hom'"),
     ('robot = "ur5e"\nstart = [1, 2]\n' + GOOD, "start: expected 6 finite numbers"),
     ('robot = "ur5e"\nstart = 3\n' + GOOD, "start: expected 6 finite numbers"),
 ]
 PARTS = [
-    ("", "part 1: goal: expected one of: joints, configuration"),
-    ("vectr_mm = [0, 0, 1]\n", "part 1: goal: "),
-    ("name = 'x'\n", "part 1 'x': goal: "),
-    ("vector_mm = [0, 0, 1]\njoints = [0, 0, 0, 0, 0, 0]\n", "part 1: goal: expected one of"),
-    ("vector_mm = [0, 0]\n", "part 1: vector_mm: expected 3 finite numbers"),
-    ("vector_mm = [0, 0, nan]\n", "part 1: vector_mm: "),
-    ("vector_mm = 'up'\n", "part 1: vector_mm: "),
-    ("vector_mm = [0, 0, 1]\nframe = 'table'\n", 'part 1: frame: expected "tool" or "base"'),
-    ("vector_mm = [0, 0, 1]\nblend = 3\n", "part 1: blend: expected blend_mm? or one of"),
-    ("vector_mm = [0, 0, 1]\nspeed = 3\n", "part 1: speed: expected "),
-    ("vector_mm = [0, 0, 1]\nblend_mm = -1\n", "part 1: blend: "),
-    ("vector_mm = [0, 0, 1]\nblend_mm = '2'\n", "part 1: blend_mm: "),
-    ("vector_mm = [0, 0, 1]\nblend_mm = true\n", "part 1: blend_mm: "),
-    ("vector_mm = [0, 0, 1]\nblend_rotation_deg = 3\n", "part 1: blend_rotation: "),
-    ("vector_mm = [0, 0, 1]\ntool_speed_mm_s = 0\n", "part 1: tool_speed: "),
-    ("vector_mm = [0, 0, 1]\nrotation_speed_deg_s = -3\n", "part 1: rotation_speed: "),
-    ("vector_mm = [0, 0, 1]\navoid = true\n", "part 1: avoid: expected False for a Move"),
-    ("vector_mm = [0, 0, 1]\navoid = 'yes'\n", "part 1: avoid: expected True or False"),
-    ("vector_mm = [0, 0, 1]\nmove = 'joint'\n", "part 1: move: expected "),
-    ("vector_mm = [0, 0, 1]\nname = 3\n", "part 1: name: "),
-    ("joints = [0, 0, 0]\n", "part 1: joints: expected 6 finite numbers"),
-    ("joints = 'home'\n", "part 1: joints: "),
-    ("configuration = 'away'\n", "part 1: configuration: expected one of: home; got 'away'"),
-    ("configuration = 3\n", "part 1: configuration: "),
-    ("pose = [0, 0, 1]\n", "part 1: pose: expected a table with the keys frame, xyz_mm, rpy_deg"),
-    ("pose = { xyz = [0, 0, 1] }\n", "part 1: xyz: expected xyz_mm? or one of"),
-    ("pose = { xyz_mm = [0, 0] }\n", "part 1: pose.xyz_mm: "),
-    ("pose = { rpy_deg = 3 }\n", "part 1: pose.rpy_deg: "),
-    ("pose = { frame = 'tabel' }\n", "part 1: pose.frame: expected one of: "),
-    ("pose = { xyz_mm = [0, 0, 1] }\nmove = 'spline'\n", 'part 1: move: expected "line" or "joint"'),
-    ("pose = { xyz_mm = [0, 0, 1] }\nmove = 'arc'\n", "part 1: move: expected via_mm"),
-    ("pose = { xyz_mm = [0, 0, 1] }\nvia_mm = [0, 0, 2]\n", "part 1: via_mm: expected none, or move"),
-    ("polyline = 'none.csv'\n", "part 1: "),
-    ("polyline = '../bead.csv'\n", "part 1: polyline: expected a file below the folder"),
-    ("polyline = '/bead.csv'\n", "part 1: polyline: expected a file below the folder"),
-    ("polyline = 3\n", "part 1: polyline: expected a string"),
-    ("spline = 'bead.csv'\nwithin_mm = -1\n", "part 1: "),
-    ("polyline = 'bead.csv'\nframe = 'x'\n", "part 1: frame: expected one of"),
-    ("polyline = 'bead.csv'\noffset_mm = [0, 0, 1]\n", "part 1: offset_mm: expected "),
-    ("start_of = 'bead'\n", "part 1: start_of: expected the name of a part with a table: none in the file"),
-    ("dwell_s = -1\n", "part 1: dwell_s: expected seconds"),
-    ("dwell_s = 1\nblend_mm = 2\n", "part 1: blend_mm: expected one of: dwell_s"),
-    ("payload_kg = -1\n", "part 1: payload_kg: "),
-    ("payload_com_mm = [0, 0, 1]\n", "part 1: payload_com_mm: expected payload_kg, too"),
-    ("tool = { xyz_mm = [0, 0, 1] }\nname = 'x'\n", "part 1 'x': name: expected one of"),
-    ("tool = 3\n", "part 1: tool: expected a table"),
+    ("", "[[part]] 1: goal: expected one of: joints, configuration"),
+    ("vectr_mm = [0, 0, 1]\n", "[[part]] 1: goal: "),
+    ("name = 'x'\n", "[[part]] 1 'x': goal: "),
+    ("vector_mm = [0, 0, 1]\njoints = [0, 0, 0, 0, 0, 0]\n", "[[part]] 1: goal: expected one of"),
+    ("vector_mm = [0, 0]\n", "[[part]] 1: vector_mm: expected 3 finite numbers"),
+    ("vector_mm = [0, 0, nan]\n", "[[part]] 1: vector_mm: "),
+    ("vector_mm = 'up'\n", "[[part]] 1: vector_mm: "),
+    ("vector_mm = [0, 0, 1]\nframe = 'table'\n", '[[part]] 1: frame: expected "tool" or "base"'),
+    ("vector_mm = [0, 0, 1]\nblend = 3\n", "got blend unknown; did you mean blend_mm?"),
+    ("vector_mm = [0, 0, 1]\nspeed = 3\n", "[[part]] 1: keys: expected a mapping with vector_mm"),
+    ("vector_mm = [0, 0, 1]\nblend_mm = -1\n", "[[part]] 1: blend: "),
+    ("vector_mm = [0, 0, 1]\nblend_mm = '2'\n", "[[part]] 1: blend_mm: "),
+    ("vector_mm = [0, 0, 1]\nblend_mm = true\n", "[[part]] 1: blend_mm: "),
+    ("vector_mm = [0, 0, 1]\nblend_rotation_deg = 3\n", "[[part]] 1: blend_rotation: "),
+    ("vector_mm = [0, 0, 1]\ntool_speed_mm_s = 0\n", "[[part]] 1: tool_speed: "),
+    ("vector_mm = [0, 0, 1]\nrotation_speed_deg_s = -3\n", "[[part]] 1: rotation_speed: "),
+    ("vector_mm = [0, 0, 1]\navoid = true\n", "[[part]] 1: avoid: expected False for a Move"),
+    ("vector_mm = [0, 0, 1]\navoid = 'yes'\n", "[[part]] 1: avoid: expected True or False"),
+    ("vector_mm = [0, 0, 1]\nmove = 'joint'\n", "got move unknown"),
+    ("vector_mm = [0, 0, 1]\nname = 3\n", "[[part]] 1: name: "),
+    ("joints = [0, 0, 0]\n", "[[part]] 1: joints: expected 6 finite numbers"),
+    ("joints = 'home'\n", "[[part]] 1: joints: "),
+    ("configuration = 'away'\n", "[[part]] 1: configuration: expected one of: home; got 'away'"),
+    ("configuration = 3\n", "[[part]] 1: configuration: "),
+    ("pose = [0, 0, 1]\n", "[[part]] 1: pose: expected a mapping with frame, xyz_mm, rpy_deg"),
+    ("pose = { xyz = [0, 0, 1] }\n", "got xyz unknown; did you mean xyz_mm?"),
+    ("pose = { xyz_mm = [0, 0] }\n", "[[part]] 1: pose.xyz_mm: "),
+    ("pose = { rpy_deg = 3 }\n", "[[part]] 1: pose.rpy_deg: "),
+    ("pose = { frame = 'tabel' }\n", "[[part]] 1: pose.frame: expected one of: "),
+    ("pose = { xyz_mm = [0, 0, 1] }\nmove = 'spline'\n", '[[part]] 1: move: expected "line" or "joint"'),
+    ("pose = { xyz_mm = [0, 0, 1] }\nmove = 'arc'\n", "[[part]] 1: move: expected via_mm"),
+    ("pose = { xyz_mm = [0, 0, 1] }\nvia_mm = [0, 0, 2]\n", "[[part]] 1: via_mm: expected none, or move"),
+    ("polyline = 'none.csv'\n", "[[part]] 1: "),
+    ("polyline = '../bead.csv'\n", "[[part]] 1: polyline: expected a file below the folder"),
+    ("polyline = '/bead.csv'\n", "[[part]] 1: polyline: expected a file below the folder"),
+    ("polyline = 3\n", "[[part]] 1: polyline: expected a string"),
+    ("spline = 'bead.csv'\nwithin_mm = -1\n", "[[part]] 1: "),
+    ("polyline = 'bead.csv'\nframe = 'x'\n", "[[part]] 1: frame: expected one of"),
+    ("polyline = 'bead.csv'\noffset_mm = [0, 0, 1]\n", "got offset_mm unknown"),
+    ("start_of = 'bead'\n", "[[part]] 1: start_of: expected the name of a part with a table: none in the file"),
+    ("dwell_s = -1\n", "[[part]] 1: dwell_s: expected seconds"),
+    ("dwell_s = 1\nblend_mm = 2\n", "[[part]] 1: keys: expected a mapping with dwell_s; got blend_mm unknown"),
+    ("payload_kg = -1\n", "[[part]] 1: payload_kg: "),
+    ("payload_com_mm = [0, 0, 1]\n", "[[part]] 1: payload_com_mm: expected payload_kg, too"),
+    ("tool = { xyz_mm = [0, 0, 1] }\nname = 'x'\n", "[[part]] 1 'x': keys: expected a mapping with tool"),
+    ("tool = 3\n", "[[part]] 1: tool: expected a mapping"),
 ]
 OTHERS = [
     (
@@ -217,14 +218,14 @@ OTHERS = [
         "blend: expected blend=0: the arm stops there; got 0.002 m at the last part (part 1)",
     ),
     (2 * GOOD.replace("10]\n", "10]\nname = 'x'\n"), "name: expected a name for one part; got 'x' for two parts"),
-    (GOOD + "[[event]]\n", "event 1: event: expected signal; and time_s"),
-    (GOOD + "[[event]]\nsignal = 'a'\n", "event 1: event: "),
-    (GOOD + "[[event]]\nsignal = 3\ntime_s = 1\n", "event 1: signal: "),
-    (GOOD + "[[event]]\nsignal = 'a'\ntime_s = -1\n", "event 1: t: "),
-    (GOOD + "[[event]]\nsignal = 'a'\npart = 1\nfraction = 2\n", "event 1: fraction: "),
-    (GOOD + "[[event]]\nsignal = 'a'\npart = 1\nspacing_mm = 0\n", "event 1: spacing: "),
-    (GOOD + "[[event]]\nsignal = 'a'\npart = 1\ntime_s = 1\n", "event 1: event: "),
-    (GOOD + "[[event]]\nsignl = 'a'\n", "event 1: signl: expected signal? or"),
+    (GOOD + "[[event]]\n", "[[event]] 1: event: expected signal; and time_s"),
+    (GOOD + "[[event]]\nsignal = 'a'\n", "[[event]] 1: event: "),
+    (GOOD + "[[event]]\nsignal = 3\ntime_s = 1\n", "[[event]] 1: signal: "),
+    (GOOD + "[[event]]\nsignal = 'a'\ntime_s = -1\n", "[[event]] 1: t: "),
+    (GOOD + "[[event]]\nsignal = 'a'\npart = 1\nfraction = 2\n", "[[event]] 1: fraction: "),
+    (GOOD + "[[event]]\nsignal = 'a'\npart = 1\nspacing_mm = 0\n", "[[event]] 1: spacing: "),
+    (GOOD + "[[event]]\nsignal = 'a'\npart = 1\ntime_s = 1\n", "[[event]] 1: event: "),
+    (GOOD + "[[event]]\nsignl = 'a'\n", "got signl unknown; did you mean signal?"),
 ]
 
 
@@ -258,5 +259,19 @@ def test_frames_that_refer_to_each_other_are_refused(tmp_path: Path) -> None:
         read(tmp_path, PART + "pose = { frame = 'a' }\n", HEAD + frames)
 
 
-def test_there_are_sixty_mistakes() -> None:
-    assert len(MISTAKES) + len(PARTS) + len(OTHERS) >= 60
+def test_all_mistakes_of_a_file_are_found_and_none_follows_from_another(tmp_path: Path) -> None:
+    (tmp_path / "p.toml").write_text(
+        HEAD
+        + PART
+        + "blend = 1\n"
+        + PART
+        + "vector_mm = [0, 0]\n"
+        + GOOD
+        + PART
+        + "pose = { xyz_mm = [-400, 0, 300], rpy_deg = [180, 0, 10] }\n"
+        "move = 'arc'\nvia_mm = [-450, -50, 400]\n" + PART + "dwell_s = -1\n[[event]]\nsignal = 'a'\n"
+    )
+    found = [str(mistake).removeprefix(f"{tmp_path / 'p.toml'}: ") for mistake in find_mistakes(tmp_path / "p.toml")]
+    assert [words.split(":")[0] for words in found] == ["[[part]] 1", "[[part]] 2", "[[part]] 5", "[[event]] 1"]
+    with pytest.raises(InvalidInput, match=r"\[\[part\]\] 1: goal"):
+        load_program(tmp_path / "p.toml")
