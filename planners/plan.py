@@ -16,7 +16,7 @@ from optik.registry import label
 from optik.scene import Scene
 from planners.certificate.violation import LIMIT_WORDS, Allow, check_allow
 from planners.choice.first_paths import check_avoid, check_avoidable
-from planners.following.follow import DEFAULT_TOLERANCE
+from planners.following.follow import DEFAULT_TOLERANCE, TIME_LIMIT, read_time_limit
 from planners.limits import MotionLimits, check_path
 from planners.motion import PlanStatus
 from planners.paths.base import Path
@@ -35,14 +35,11 @@ __all__ = ["Plan", "PlanSeconds", "PlanStatus", "ProgramPlan", "make_law", "path
 
 
 def plan(
-    robot: Robot,
-    path: Path | Program | ArrayLike,
-    q_start: ArrayLike | None = None,
-    *,
-    solver: SolverLike = "lm", timing: LawLike = "optimal",
-    limits: MotionLimits | None = None, samples: int = 151, branch: str | None = None, rate: float = 1000.0,
-    duration: float | None = None, strict: bool = False, tolerance: ToleranceLike = DEFAULT_TOLERANCE, allow: Allow = (),
-    scene: Scene | None = None, avoid: bool | SearchLike = False, winding: str = "nearest",
+    robot: Robot, path: Path | Program | ArrayLike, q_start: ArrayLike | None = None, *,
+    solver: SolverLike = "lm", timing: LawLike = "optimal", limits: MotionLimits | None = None, samples: int = 151,
+    branch: str | None = None, rate: float = 1000.0, duration: float | None = None, strict: bool = False,
+    tolerance: ToleranceLike = DEFAULT_TOLERANCE, allow: Allow = (), scene: Scene | None = None,
+    avoid: bool | SearchLike = False, winding: str = "nearest", resolve: str = "auto", time_limit: float = TIME_LIMIT,
 ) -> Plan:  # fmt: skip
     """Plan the joint motion that takes the tool along a path, and certify its limits.
 
@@ -62,15 +59,14 @@ def plan(
         Samples of the path, equally spaced.
     branch : {"start", "best"}, optional
         Keep the branch of ``q_start``, its default, or choose branch and winding for the whole path (`planners.follow`).
-    duration : float, optional
-        Duration [s] to which the law's motion is slowed; a tool speed that is set in the law must stay the same.
-    strict : bool
-        Refuse a motion that exceeds a limit enforced by its law, instead of slowing it uniformly (`Plan.slowed`).
+    duration, strict : float, optional, and bool
+        Duration [s] to which the law's motion is slowed; a tool speed that is set in the law must stay the same. Refuse a
+        motion that exceeds a limit enforced by its law, instead of slowing it uniformly (`Plan.slowed`).
     tolerance, rate : Tolerance or (2,) tuple of float, and float
         Largest distance [m] and angle [rad] between tool and path of a valid motion; the controller's rate [1/s].
     scene : Scene, optional
-        Obstacles for an arm with shapes, and the margin to them; its links are checked too. The motion is proved to be
-        collision-free at every instant (`Certificate.clearance`). An empty scene checks the links alone.
+        Obstacles for an arm with shapes, and the margin to them. The motion is proved to be collision-free at every instant,
+        also between its links (`Certificate.clearance`). An empty scene examines the links alone.
     allow : {"limits", "jerk"}, or both
         Permit given limits that the law does not enforce to be exceeded: ``"jerk"``, and ``"limits"`` for all others.
     avoid : bool, or str, path, type or Search
@@ -78,6 +74,9 @@ def plan(
         a `FreePath`. A name, a file or a built search (`planners.find_path`) replaces the default one.
     winding : {"nearest", "exact"}
         For a goal configuration: "nearest" lets joints without limits end whole turns away from it (`Plan.goal`); "exact" not.
+    resolve, time_limit : {"auto", "local"}, and float
+        Where following fails, "auto" searches sequences of configurations and freedoms along the whole path
+        (`Plan.resolution`), in this computing time [s]; "local" does not.
 
     Returns
     -------
@@ -89,11 +88,12 @@ def plan(
     InvalidInput, UnknownName
         An invalid argument; a limit that the law needs and that is missing; an unknown method or law; an arm without shapes.
     """
-    given = tolerance, rate, scene, allow, avoid, winding
+    given, seconds = (tolerance, rate, scene, allow, avoid, winding), read_time_limit(resolve, time_limit)
     if isinstance(path, Program):
-        return _plan_program(robot, path, q_start, (solver, timing, limits, samples, branch, duration, strict), given)
+        own = solver, timing, limits, samples, branch, duration, strict, {"resolve": resolve, "time_limit": time_limit}
+        return _plan_program(robot, path, q_start, own, given)
     built = _build_request(robot, path, q_start, solver, timing, limits, given)
-    return MotionPlanner(*built, samples, _check_options(duration, strict)).run(q_start, branch, duration)
+    return MotionPlanner(*built, samples, _check_options(duration, strict), seconds).run(q_start, branch, duration)
 
 
 def _check_options(duration: float | None, strict: bool) -> bool:
@@ -109,13 +109,13 @@ def _plan_program(
     robot: Robot, program: Program, q_start: ArrayLike | None, own: tuple[Any, ...], given: tuple[Any, ...]
 ) -> ProgramPlan:
     """Return the plan of a program, whose parts and sections are planned with the same arguments of `plan`."""
-    solver, timing, limits, samples, branch, duration, strict = own
+    solver, timing, limits, samples, branch, duration, strict, search = own
     tolerance, rate, scene, allow, avoid, winding = given
     if branch is not None or avoid is not False:
         which, got = ("avoid", avoid) if branch is None else ("branch", branch)
         raise InvalidInput(which, repr(got)[:60], "none for a program: each part chooses for itself (Part.avoid)")
     shared = {"solver": solver, "timing": timing, "samples": samples, "rate": rate, "allow": allow, "scene": scene}
-    alone = partial(plan, strict=_check_options(duration, strict), winding=winding, **shared)
+    alone = partial(plan, strict=_check_options(duration, strict), winding=winding, **shared, **search)
     options = Options(solver, _check_limits(robot, limits), samples, Tolerance.of(tolerance), scene, winding)
     return plan_program(robot, program, q_start, alone, options, duration)
 

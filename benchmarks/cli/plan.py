@@ -260,7 +260,7 @@ class PlanCommand(MotionCommand, SceneCommand):
 
 def choose_branch(start: Start, path: Any) -> str:
     """Return the default of ``--branch``: the start's branch, or the best one if the path begins elsewhere or anywhere."""
-    from planners.following.follow import START_TOLERANCE
+    from planners.following.follower import START_TOLERANCE
 
     if start.q is None:  # the path has its own
         return "best"

@@ -190,7 +190,7 @@ def choose_around(
     pairs = NearPairs(choice.robot, scene, choice.programme.K + 1)
     for finer in itertools.chain([choice], choice.refine()):
         before = tried
-        for p, near in [guess] if guess else itertools.chain(finer.guesses(), finer.swings()):
+        for p, near in [guess] if guess else finer.guesses():
             if best and tried - before >= ENOUGH_GUESSES:
                 break
             tried, pushed = tried + 1, push_out(finer, scene, p, near, pairs)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
 import numpy as np
+import scipy
 
-from optik.arm.limits import LIMIT_TOLERANCE
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
 from optik.types import Array, Flags
@@ -17,6 +17,7 @@ from planners.choice.programme import FreeProgramme, Statics, ToolCoordinates
 from planners.choice.solve import LEAST_P_DAMPING, Bounds, FreeSolution, solve
 from planners.choice.vias import ViaLimits, pass_through
 from planners.following.joint_path import JointPath
+from planners.following.resolve.freedoms import FreeWay
 from planners.paths.base import Path
 from planners.paths.control_curve import Basis
 from planners.paths.free_path import CoordinateRange, FreePath, NullSpace
@@ -30,16 +31,10 @@ WORTHLESS = 1e-4
 freedom is used."""
 LEAST_GAIN = 1e-4
 """Least fraction by which a chosen path must shorten the motion to be used."""
-FURTHER_TURNS = tuple(np.radians((135.0, -135.0, 180.0, 90.0, -90.0, 45.0, -45.0)))
-"""Constant turns from the given path at which further initial guesses begin, in this order; the arm may not reach some."""
-CONTINUATION_STEP = 0.25
-"""Step of the turn from one initial guess to the next [rad]: Newton's method stays on the branch."""
 REPORT_POINTS = 101
 """Points along the path at which a result shows the coordinates."""
 SHAPE_DAMPING = 1e-2
 """Curvature that is added in each control point of a joint path [1/rad²]: motion along the path changes only its parameter."""
-ELBOW_SWINGS = (0.3, -0.3, 0.6, -0.6, 1.0, -1.0)
-"""Constant changes of the null-space coordinate [rad] at which guesses begin where the others stay in contact."""
 POINTS_PER_COEFFICIENT = 3
 """Grid points for each coefficient of the default number: with fewer the path bends between them, where nothing limits it."""
 MORE_COEFFICIENTS = (1.5, 2.5, 5.0)
@@ -104,12 +99,15 @@ class Choice:
     damping = LEAST_P_DAMPING
     statics: tuple[Statics, ...] = ()
 
-    def __init__(self, path: FreePath, joint_path: JointPath, optimum: Optimum, *, held: bool) -> None:
+    def __init__(
+        self, path: FreePath, joint_path: JointPath, optimum: Optimum, *, held: bool, ways: Sequence[FreeWay] = ()
+    ) -> None:
         robot, s = joint_path.robot, optimum.programme.s
         if path.spline.count > s.size:
             allowed = f"at most {s.size}, the number of grid points of the law"
             raise InvalidInput("coefficients", path.spline.count, allowed)
         self.path, self.robot, self.joint_path, self.optimum, self.held = path, robot, joint_path, optimum, held
+        self.ways = ways
         self.initial: FreePath | PointToPoint = path
         rows = _null_rows(robot, joint_path) if robot.n > 6 else np.empty((0, robot.n))
         elbow = (
@@ -191,49 +189,22 @@ class Choice:
                 yield found
 
     def guesses(self) -> Iterator[tuple[Array, Array]]:
-        """Yield initial coefficients and configurations: the given path, and turned ones if its start is free."""
+        """Yield initial coefficients and configurations: the given path, and those of the sequences that were found."""
         yield self.p, self.near
-        left = self.path.starts - 1
-        if self.held or not left or "turn" not in self.path.bounds:
-            return
-        column = sum(len(k.screws) for k in self.path.kinds[: [k.name for k in self.path.kinds].index("turn")])
-        low, high = self.path.bounds["turn"]
-        for turn in FURTHER_TURNS[: max(left + 1, 3)]:
-            if left and low <= turn <= high and (found := self._turn(column, turn)) is not None:
-                left -= 1
-                yield found
-
-    def swings(self) -> Iterator[tuple[Array, Array]]:
-        """Yield the given path with the elbow turned by constant angles, for a path in contact."""
-        if "elbow" in self.path.bounds and not self.held:
-            for swing in ELBOW_SWINGS:
-                found = self._turn(self.tool_count, swing)
-                if found is not None:
-                    yield found
+        for way in self.ways:
+            q = scipy.interpolate.make_interp_spline(way.s, way.q, k=min(5, len(way.s) - 1))
+            p = np.concatenate([way.fit(self.path), self.path.spline.fit(way.s, way.q @ self.rows.T)], axis=1)
+            near = np.stack([q(self.optimum.programme.s, order) for order in range(4)])
+            place = self.programme.place(p, near)
+            if place is not None and self.robot.limits.contains(place.path[0]).all():
+                yield p, place.path
 
     def refine(self) -> Iterator[Choice]:
         """Yield choices with more coefficients, unless their number was given."""
         for factor in MORE_COEFFICIENTS:
             count = int(factor * self.path.spline.count)
             if self.path.counts_itself and count <= self.optimum.programme.s.size // POINTS_PER_COEFFICIENT:
-                yield Choice(self.path.with_count(count), self.joint_path, self.optimum, held=self.held)
-
-    def _turn(self, column: int, turn: float) -> tuple[Array, Array] | None:
-        """Return the path turned by a constant angle, by continuation; None if the arm cannot follow it inside its limits."""
-        p, near, limits = self.p.copy(), self.near, self.robot.limits
-        steps = int(np.ceil(abs(turn) / CONTINUATION_STEP))
-        for _ in range(steps):
-            p[:, column] += turn / steps
-            place = self.programme.place(p, near)
-            if place is None:
-                return None
-            near = place.path
-        near = near.copy()
-        middle = 0.5 * (near[0].min(axis=0) + near[0].max(axis=0))
-        wound = 2.0 * np.pi * np.round((limits.middle - middle) / (2.0 * np.pi))
-        near[0] += np.where(self.robot.prismatic | (len(self.rows) > 0) | ~limits.bounded, 0.0, wound)
-        inside = (near[0] >= limits.lower - LIMIT_TOLERANCE) & (near[0] <= limits.upper + LIMIT_TOLERANCE)
-        return (p, near) if inside.all() else None
+                yield Choice(self.path.with_count(count), self.joint_path, self.optimum, held=self.held, ways=self.ways)
 
     def path_of(self, p: Array) -> FreePath | PointToPoint:
         """Return the path with the coefficients of a solution."""
@@ -264,10 +235,6 @@ class JointChoice(Choice):
         """Yield the given control points and joints."""
         yield self.p, self.near
 
-    def swings(self) -> Iterator[tuple[Array, Array]]:
-        """Yield nothing: there is no elbow."""
-        return iter(())
-
     def refine(self) -> Iterator[Choice]:
         """Yield nothing: the path around obstacles has its own number of control points."""
         return iter(())
@@ -289,7 +256,9 @@ def _null_rows(robot: Robot, joint_path: JointPath) -> Array:
     )
 
 
-def choice_for(path: FreePath | PointToPoint, joint_path: JointPath, optimum: Optimum, *, held: bool) -> Choice:
+def choice_for(
+    path: FreePath | PointToPoint, joint_path: JointPath, optimum: Optimum, *, held: bool, ways: Sequence[FreeWay] = ()
+) -> Choice:
     """Return the choice of a path's coefficients, after checking that the arm has its freedoms."""
     if not isinstance(path, FreePath):
         return JointChoice(path, joint_path, optimum)
@@ -302,7 +271,7 @@ def choice_for(path: FreePath | PointToPoint, joint_path: JointPath, optimum: Op
     most = optimum.programme.s.size // POINTS_PER_COEFFICIENT
     if path.counts_itself and path.spline.count > most:
         path = path.with_count(most)
-    return Choice(path, joint_path, optimum, held=held and path.hold_start)
+    return Choice(path, joint_path, optimum, held=held and path.hold_start, ways=ways)
 
 
 class Timed(Protocol):
@@ -335,7 +304,7 @@ P = TypeVar("P", bound=Timed)
 
 def choose(
     path: FreePath | PointToPoint, joint_path: JointPath, optimum: Optimum | None, fixed: P, *, held: bool,
-    plan_along: Callable[[FreePath | PointToPoint, Array], P | None],
+    plan_along: Callable[[FreePath | PointToPoint, Array], P | None], ways: Sequence[FreeWay] = (),
 ) -> tuple[P, FreedomResult]:  # fmt: skip
     """Return the fastest of the plan along the initial path and of those along chosen ones, and what was done.
 
@@ -344,9 +313,9 @@ def choose(
     duration, best, tried, steps, gradient = fixed.trajectory.duration, fixed, 0, 0, float("nan")
     if optimum is None:
         return fixed, report_fixed(path, fixed)
-    choice = choice_for(path, joint_path, optimum, held=held)
+    choice = choice_for(path, joint_path, optimum, held=held, ways=ways)
     gradient = float(np.abs(choice.gradient()).sum())
-    if gradient <= WORTHLESS * duration:
+    if gradient <= WORTHLESS * duration and not ways:
         return fixed, report(
             path, duration, fixed, "the initial path: the freedoms cannot shorten the motion", gradient
         )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, ClassVar, Protocol, TypeVar
 
@@ -16,6 +17,7 @@ from planners.choice.avoid import choose_around, find_guess
 from planners.choice.choose import FreedomResult, Timed, choice_for, choose, report_fixed
 from planners.choice.first_paths import MOST_WAYS, SearchReport, find_first_paths
 from planners.following.follow import FollowResult, PlanFailure
+from planners.following.resolve.freedoms import FreeWay
 from planners.paths.base import Path
 from planners.paths.free_path import FreePath
 from planners.paths.point_to_point import PointToPoint
@@ -70,8 +72,9 @@ class PathPlanner(Protocol[R]):
 
 
 def choose_path(
-    planner: PathPlanner[Q], path: FreePath | PointToPoint, followed: FollowResult, scene: Scene | None, *, held: bool
-) -> Q:
+    planner: PathPlanner[Q], path: FreePath | PointToPoint, followed: FollowResult, scene: Scene | None,
+    ways: Sequence[FreeWay] = (), *, held: bool,
+) -> Q:  # fmt: skip
     """Return the fastest plan over the freedoms of a path."""
 
     def plan_along(chosen: FreePath | PointToPoint, q: Array) -> Q | None:
@@ -80,13 +83,13 @@ def choose_path(
     fixed, optimum = planner.time(path, followed, None)
     if not fixed:
         return fixed
-    found, result = choose(path, fixed.joint_path, optimum, fixed, held=held, plan_along=plan_along)
+    found, result = choose(path, fixed.joint_path, optimum, fixed, held=held, plan_along=plan_along, ways=ways)
     return replace(found, freedom=result)
 
 
 def choose_way(
     planner: PathPlanner[Q], path: FreePath | PointToPoint, followed: FollowResult, scene: Scene,
-    search: SearchLike, winding: str, *, held: bool, optimal: bool,
+    search: SearchLike, winding: str, ways: Sequence[FreeWay] = (), *, held: bool, optimal: bool,
 ) -> tuple[Q | PlanFailure, SearchReport]:  # fmt: skip
     """Return the fastest collision-free plan from the initial paths that are searched, or why there is no initial path."""
     samples, rounds, tried, plans, failure = 0, 0, 0, list[Q](), None
@@ -100,7 +103,7 @@ def choose_way(
                 break
             followed, path = planner.follow(first.found, None, None, None), first.found
         before = min((one.trajectory.duration for one in plans if one), default=np.inf)
-        found, spent = _plan_around(planner, path, scene, followed, before, held=held)
+        found, spent = _plan_around(planner, path, scene, followed, before, ways, held=held)
         plans, rounds = [*plans, found], rounds + spent
         if found and (not optimal or _is_enough(plans)):
             break
@@ -119,7 +122,8 @@ def _is_enough(plans: list[Q]) -> bool:
 
 
 def _plan_around(
-    planner: PathPlanner[Q], path: FreePath | PointToPoint, scene: Scene, followed: FollowResult, before: float, *, held: bool
+    planner: PathPlanner[Q], path: FreePath | PointToPoint, scene: Scene, followed: FollowResult, before: float,
+    ways: Sequence[FreeWay], *, held: bool,
 ) -> tuple[Q, int]:  # fmt: skip
     """Return the fastest plan from one initial path, and the rounds.
 
@@ -136,7 +140,7 @@ def _plan_around(
         if optimum is None:
             made = replace(fixed, freedom=report_fixed(path, fixed)) if fixed.has_motion else fixed
             return best or made, rounds
-        choice, least = choice_for(path, fixed.joint_path, optimum, held=held), fixed.least_duration or 0.0
+        choice, least = choice_for(path, fixed.joint_path, optimum, held=held, ways=ways), fixed.least_duration or 0.0
         guess = find_guess(best, NOT_FAR * least, optimum.programme.s)
         made, result, spent = choose_around(choice, scene, fixed, plan_along, guess, FAST * least)
         made, rounds = replace(made, freedom=result), rounds + spent

@@ -84,7 +84,7 @@ class FreePath(Path):
     hold_start : bool
         Whether a ``q_start`` of the plan is the start of the motion; else only its branch and first guess.
     starts : int
-        Initial guesses that are tried: that of the given path, and turned ones.
+        Initial guesses that are tried if the start is free: that of the given path, and different sequences of configurations.
     coefficients : (count, d) array, optional
         Values of the coordinates at the control points of their splines [rad, m]; by default the allowed values nearest to 0.
     null_space : NullSpace, optional
@@ -94,7 +94,7 @@ class FreePath(Path):
     name: ClassVar[str] = "free_path"
 
     def __init__(
-        self, path: Path, bounds: Mapping[str, Bounds], *, count: int | None = None, hold_start: bool = True, starts: int = 3,
+        self, path: Path, bounds: Mapping[str, Bounds], *, count: int | None = None, hold_start: bool = True, starts: int = 6,
         coefficients: Array | None = None, null_space: NullSpace | None = None,
     ) -> None:  # fmt: skip
         self.given, self.bounds = path, dict(bounds)
@@ -148,6 +148,29 @@ class FreePath(Path):
             The path.
         """
         return self._copy(self.spline.count, coefficients, null_space)
+
+    def clip(self, coefficients: Array) -> Array:
+        """Return the nearest coefficients inside the ranges of the freedoms.
+
+        Parameters
+        ----------
+        coefficients : (count, d) array
+            Values of the coordinates at the control points [rad, m].
+
+        Returns
+        -------
+        (count, d) array
+            Inside the ranges [rad, m].
+        """
+        p, column = np.array(coefficients), 0
+        for kind in self.kinds:
+            own, (low, high) = p[:, column : column + len(kind.screws)], self.bounds[kind.name]
+            column += len(kind.screws)
+            if kind.round:
+                own /= np.maximum(np.linalg.norm(own, axis=1, keepdims=True) / high, 1.0)
+            else:
+                np.clip(own, low, high, out=own)
+        return p
 
     def _copy(self, count: int, coefficients: Array, null_space: NullSpace | None) -> FreePath:
         """Return the path with other coefficients (count, d)."""
@@ -357,7 +380,7 @@ def _product(a: Array, b: Array) -> Array:
 
 
 def free(
-    path: Path, *, coefficients: int | None = None, hold_start: bool = True, starts: int = 3, **freedoms: Any
+    path: Path, *, coefficients: int | None = None, hold_start: bool = True, starts: int = 6, **freedoms: Any
 ) -> FreePath:
     """Return a path whose freedoms a plan with the law ``optimal`` chooses together with the timing.
 
@@ -371,8 +394,8 @@ def free(
     hold_start : bool
         Whether a ``q_start`` of the plan is the start of the motion; else only its branch and first guess.
     starts : int
-        Initial guesses that are tried if the start is free: that of the given path, and ones turned by 135°, −135°, 180°, 90°,
-        −90°, 45° and −45°, as far as the arm reaches them.
+        Initial guesses that are tried if the start is free: that of the given path, and different sequences of configurations
+        along the whole path.
     **freedoms
         By name (`planners.freedom.freedoms`), in the order in which they move the tool: ``turn=(-1.0, 1.0)`` [rad] about the
         tool's axis, ``tilt=0.2``, the half-angle of a cone [rad], ``elbow=True`` of a redundant arm. A number x means (−x, x),

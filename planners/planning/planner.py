@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,11 +15,15 @@ from optik.ik.problem import check_start
 from optik.scene import Scene
 from optik.types import Array
 from planners.certificate.certification import certify
+from planners.choice.choose import FreedomResult, report
 from planners.choice.first_paths import DEFAULT_SEARCH, advise_elbow
 from planners.choice.ways import DENSITIES, choose_path, choose_way
 from planners.following.collision import CollisionCheck
 from planners.following.failure import PlanFailure
-from planners.following.follow import START_TOLERANCE, FollowResult, FollowStatus, follow
+from planners.following.follow import FollowResult, FollowStatus, make_follower
+from planners.following.follower import START_TOLERANCE
+from planners.following.resolve.freedoms import FreeResolver, FreeWay, can_resolve
+from planners.following.resolve.graph import Sequence
 from planners.limits import SAME_SPEED
 from planners.motion import PlanStatus
 from planners.motion.fit import check_statics, fit, stretch_factor
@@ -33,6 +38,10 @@ from planners.trajectory import Trajectory
 
 PATH_FRACTION = 0.95
 """Fraction of the tolerance that the joint path may use. The law's polynomials in time use the remaining part."""
+MAY_CHANGE = tuple(
+    FollowStatus[name] for name in ("OUTSIDE_LIMITS", "BRANCH_JUMP", "SINGULAR", "CONTACT", "UNREACHABLE")
+)
+"""Failures that other configurations, or other values of the freedoms, can change."""
 MOST_SECONDS = 1e9
 """Longest duration that can be requested [s], 30 years: powers of much longer ones overflow."""
 
@@ -45,6 +54,7 @@ class MotionPlanner:
     request: PlanRequest
     samples: int
     strict: bool
+    time_limit: float
 
     def run(self, q_start: ArrayLike | None, branch: str | None, duration: float | None) -> Plan:
         """Return the plan along the requested path, with the durations of its parts."""
@@ -53,22 +63,53 @@ class MotionPlanner:
             return self.request.infeasible(None, self.request.unreachable, PlanStatus.UNREACHABLE)
         if isinstance(path, FreePath) and not path.hold_start and q_start is not None and branch != "best":
             q_start = self._reach_start(path, q_start)
-        around = self.request.avoid is not False
-        chosen = isinstance(path, FreePath) and (q_start is None or branch == "best")  # away from contact, if possible
-        followed = self.follow(path, q_start, branch, self.request.scene if chosen or not around else None)
-        if around and followed.failure is not None and followed.failure.status is FollowStatus.CONTACT:
-            followed = followed._replace(failure=None)
+        around, held = self.request.avoid is not False, q_start is not None
+        ways = list[FreeWay]()
+        if isinstance(path, FreePath):
+            path, followed, ways = self._resolve(path, q_start, branch, held=held and path.hold_start)
+        else:
+            followed = self.follow(path, q_start, branch, None if around else self.request.scene)
+        if around and followed.status is FollowStatus.CONTACT and followed.joint_path is not None:
+            followed = followed._replace(failure=None)  # to be moved out of contact
         ended = perf_counter()
-        held = q_start is not None
+        planner = self._with_optimal(path) if isinstance(path, FreePath) else self
         if not isinstance(path, FreePath | PointToPoint):
             found = self.time(path, followed, duration, path.density)[0]
-        elif around:
-            found = self._avoid(path, followed, held, duration)
+        elif around and (followed.joint_path is not None or isinstance(path, PointToPoint)):
+            found = planner._avoid(path, followed, ways, held)
         else:
-            best = choose_path(self, path, followed, self.request.scene, held=held)
-            found = replace(self._finish(best, duration), freedom=best.freedom) if best else best
+            found = choose_path(planner, path, followed, self.request.scene, ways, held=held)
+        if planner is not self and found.freedom is not None and isinstance(path, FreePath):
+            found = self._time_again(found, found.freedom, path, followed)
+        if isinstance(path, FreePath | PointToPoint):
+            density = DENSITIES[-1] if around else 1.0
+            found = replace(self._finish(found, duration, density), freedom=found.freedom, search=found.search)
         proof = found.seconds.certificate
-        return replace(found, seconds=PlanSeconds(ended - started, perf_counter() - ended - proof, proof))
+        seconds = PlanSeconds(ended - started, perf_counter() - ended - proof, proof)
+        return replace(found, seconds=seconds, resolution=followed.resolution)
+
+    def _resolve(
+        self, path: FreePath, q_start: ArrayLike | None, branch: str | None, *, held: bool
+    ) -> tuple[FreePath, FollowResult, list[FreeWay]]:
+        """Return the path, with coefficients if only these can be followed, its joints, and sequences to choose from."""
+        robot, scene = self.request.robot, self.request.scene
+        resolvable = can_resolve(path) and self.time_limit > 0.0 and not (held and branch == "best")
+        followed = self.follow(path, q_start, branch, scene, time_limit=0.0 if resolvable else self.time_limit)
+        beyond = followed.status not in MAY_CHANGE or (held and followed.joint_path is None)
+        if not resolvable or (held if followed else beyond):
+            return path, followed, []
+        rooms = None if scene is None else CollisionCheck(robot, scene).find_rooms
+        resolver = FreeResolver(robot, path, rooms, self.time_limit)
+        q = None if q_start is None else check_start(robot, q_start, "q_start")
+        for many in (False, True):
+            ways, made = resolver.find(q, held=held, many=many, count=1 if held else max(path.starts - 1, not followed))
+            if followed:
+                return path, followed._replace(resolution=made), ways
+            for candidate, way in resolver.candidates(ways):
+                found = self.follow(candidate, way.q[0], "start", scene, way.joints)
+                if found:
+                    return candidate, found._replace(resolution=made), ways
+        return path, followed._replace(resolution=made), []
 
     def _reach_start(self, path: FreePath, q_start: ArrayLike) -> Array:
         """Return a configuration at the path's start from a first guess; itself if it is there, or if none is found."""
@@ -77,10 +118,16 @@ class MotionPlanner:
             return q
         return found.q if (found := self.solver.solve(pose, q)) else q
 
-    def follow(self, path: Path, q: ArrayLike | None, branch: str | None, scene: Scene | None) -> FollowResult:
-        """Return the joint path along a path."""
-        allowed = self.request.tolerance.scale(PATH_FRACTION)
-        return follow(self.solver, path, q, branch=branch, samples=self.samples, tolerance=allowed, scene=scene)
+    def follow(
+        self, path: Path, q: ArrayLike | None, branch: str | None, scene: Scene | None, way: Sequence | None = None,
+        time_limit: float | None = None,
+    ) -> FollowResult:  # fmt: skip
+        """Return the joint path along a path, by the sequence of its resolution if there is one."""
+        allowed, seconds = (
+            self.request.tolerance.scale(PATH_FRACTION),
+            self.time_limit if time_limit is None else time_limit,
+        )
+        return make_follower(self.solver, path, q, branch, self.samples, allowed, scene, seconds, way).run()
 
     def time(
         self, path: Path, followed: FollowResult, duration: float | None, density: float = 1.0
@@ -112,22 +159,47 @@ class MotionPlanner:
             return request.infeasible(joints, error), None
         return request.certify_motion(joints, trajectory, slowed, analysis), optimum
 
-    def _avoid(self, path: FreePath | PointToPoint, followed: FollowResult, held: bool, duration: float | None) -> Plan:
-        """Return the fastest collision-free plan from the initial paths that are searched, of this duration if one is given."""
+    def _avoid(self, path: FreePath | PointToPoint, followed: FollowResult, ways: list[FreeWay], held: bool) -> Plan:
+        """Return the fastest collision-free plan from the initial paths that are searched."""
         request, scene = self.request, self.request.scene
         assert scene is not None
-        if isinstance(path, FreePath) and path.hold_start and held and followed.joint_path is not None:
-            blocked = CollisionCheck(request.robot, scene).check_start(followed.joint_path.q[0])
-            if blocked is not None:
-                return request.fail(PlanStatus.CONTACT, followed.joint_path, blocked)
         search = DEFAULT_SEARCH if isinstance(request.avoid, bool) else request.avoid
         optimal = isinstance(request.law, Optimal)
-        best, made = choose_way(self, path, followed, scene, search, request.winding, held=held, optimal=optimal)
+        best, made = choose_way(self, path, followed, scene, search, request.winding, ways, held=held, optimal=optimal)
         if isinstance(best, PlanFailure):
             best = request.fail(PlanStatus(best.status), None, best)
-        found = self._finish(best, duration, DENSITIES[-1])
-        failure = advise_elbow(found.failure, best.path, request.robot)
-        return replace(found, freedom=best.freedom, search=made, failure=failure)
+        return replace(best, search=made, failure=advise_elbow(best.failure, best.path, request.robot))
+
+    def _with_optimal(self, path: FreePath) -> MotionPlanner:
+        """Return the planner that chooses coefficients: that with the law optimal, up to the law's speed if it has one."""
+        law, limits = self.request.law, self.request.limits
+        if isinstance(law, Optimal):
+            return self
+        if law.speed is not None:
+            name = "rotation_speed" if path.turns_only else "tool_speed"
+            given = limits.value(name)
+            speed: dict[str, Any] = {name: law.speed if given is None else np.minimum(law.speed, given)}
+            limits = replace(limits, **speed)
+        return replace(self, request=replace(self.request, law=Optimal(), limits=limits))
+
+    def _time_again(self, chosen: Plan, freedom: FreedomResult, path: FreePath, followed: FollowResult) -> Plan:
+        """Return the shorter motion of this planner's law along the initial path and along the chosen one."""
+        first = self.time(path, followed, None)[0]
+        if not chosen or freedom.gain == 0.0:
+            return replace(first, freedom=freedom) if first else chosen
+        found = self.time(chosen.path, FollowResult(chosen.joint_path, None), None)[0]
+        if first and not (found and found.trajectory.duration < first.trajectory.duration):
+            what = (
+                "the initial path: its motion takes less time with this law than that of the path that optimal chooses"
+            )
+            return replace(first, freedom=report(path, first.trajectory.duration, first, what))
+        if not found:
+            return found
+        before = first if first else found
+        assert isinstance(found.path, FreePath)
+        return replace(
+            found, freedom=report(found.path, before.trajectory.duration, found, "chosen by the law optimal")
+        )
 
     def _finish(self, found: Plan, duration: float | None, density: float = 1.0) -> Plan:
         """Return a plan along a chosen path with the requested duration, if it meets its via points."""

@@ -19,6 +19,7 @@ from planners.choice.choose import FreedomResult
 from planners.choice.first_paths import SearchReport
 from planners.files import save
 from planners.following.follow import JointPath, PlanFailure
+from planners.following.resolve import Resolution
 from planners.limits import MotionLimits
 from planners.limits.least_duration import compute_least_duration
 from planners.motion import Motion, PlanStatus
@@ -71,6 +72,8 @@ class Plan:
         Kind of a stop: the optimum, the sweep's stop, or the end of the motion if that comes first.
     freedom : FreedomResult or None
         What was done with the freedoms of a `FreePath`: ranges, gain, and the coordinates along the path.
+    resolution : Resolution or None
+        How the whole path was resolved, if it was: layers, configurations, computing time.
     search : SearchReport or None
         How the way around obstacles was found, of a plan with ``avoid``.
     seconds : PlanSeconds
@@ -97,6 +100,7 @@ class Plan:
     stop_kind: StopKind | None = None
     freedom: FreedomResult | None = field(default=None, compare=False)
     search: SearchReport | None = field(default=None, compare=False)
+    resolution: Resolution | None = field(default=None, compare=False)
 
     @property
     def within_limits_from(self) -> float:
@@ -162,7 +166,7 @@ class Plan:
         summary = plan_summary(
             f"{self.status}: {self._title}", path, failure, self._certificate, self.slowed, self.least_duration
         )
-        return summary if self.freedom is None else f"{summary}\n{self.freedom}"
+        return "\n".join([summary, *(str(part) for part in (self.resolution, self.freedom) if part is not None)])
 
     @property
     def has_motion(self) -> bool:
@@ -230,6 +234,8 @@ class Plan:
             out["freedom"] = _freedom_to_dict(self.freedom)
         if self.search is not None:
             out["search"] = self.search._asdict()
+        if self.resolution is not None:
+            out["resolution"] = self.resolution._asdict()
         if self._trajectory is None:
             return out
         motion, t = self._trajectory, self._trajectory.knots

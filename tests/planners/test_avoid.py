@@ -348,7 +348,7 @@ def test_the_elbow_keeps_clear_of_a_ball_that_the_given_path_touches() -> None:
         if not rooms:
             continue
         scene = Scene(spheres=[(ball, max(rooms) + 0.015)], margin=1e-3)
-        assert plan(robot, path, q, limits=LIMITS, scene=scene).status is PlanStatus.CONTACT
+        assert plan(robot, path, q, limits=LIMITS, scene=scene, resolve="local").status is PlanStatus.CONTACT
         found = plan(
             robot, free(path, elbow=True, turn=True, hold_start=False), q, limits=LIMITS, scene=scene, avoid=True
         )

@@ -384,12 +384,16 @@ def test_a_freedom_that_cannot_shorten_the_motion_is_recognised_by_the_gradient(
     )
 
 
-def test_other_laws_time_the_initial_coefficients_and_say_so() -> None:
-    robot = torch()
-    found = plan(robot, free(line(robot, START), turn=True), START, limits=LIMITS, timing="smooth")
-    assert found
-    assert found.freedom is not None
-    assert "only the law optimal" in found.freedom.outcome
+@pytest.mark.parametrize("timing", ["smooth", "constant_speed", "toppra"])
+def test_other_laws_time_the_chosen_and_the_initial_coefficients_and_keep_the_shorter_motion(timing: str) -> None:
+    robot, path = torch(), line(torch(), START)
+    found = plan(robot, free(path, turn=True, tilt=0.3), START, limits=LIMITS, timing=timing, allow="jerk")
+    given = plan(robot, path, START, limits=LIMITS, timing=timing, allow="jerk")
+    assert found and given and found.law == timing
+    assert found.freedom is not None and found.freedom.fixed_duration == pytest.approx(given.trajectory.duration)
+    assert found.trajectory.duration <= given.trajectory.duration
+    if found.freedom.gain > 0.0:
+        assert "law optimal" in found.freedom.outcome and found.trajectory.duration < given.trajectory.duration
 
 
 def test_a_first_guess_may_be_at_a_turn_that_is_not_allowed() -> None:

@@ -1,0 +1,79 @@
+"""Resolution of a whole path: sequences of configurations along it, among all that an arm and the path's freedoms have."""
+
+from __future__ import annotations
+
+from time import perf_counter
+from typing import NamedTuple
+
+import numpy as np
+
+from optik import se3
+from optik.types import Array
+from planners.following.resolve.graph import Graph, Sequence
+from planners.following.resolve.nodes import Sampler
+from planners.paths.base import Path
+
+PER_METRE, PER_RADIAN, DENSE = 1.0 / 0.05, 1.0 / 0.15, 2000
+"""Layers per metre and per radian of the tool's motion, and points at which it is measured."""
+FEW, MANY = (24, 24), (48, 100)
+"""Least and most intervals between layers, at first and where these have no answer."""
+FEW_DRAWS, MANY_DRAWS = 40, 75
+"""Random guesses of each layer, at first and later."""
+FINEST = 1.0 / 2000.0
+"""Least distance of layers, as a fraction of the path."""
+
+
+class Resolution(NamedTuple):
+    """How a whole path was resolved.
+
+    Attributes
+    ----------
+    layers, nodes, inserted, rounds : int
+        Positions along the path, configurations there, positions that were inserted, and rounds of the search.
+    seconds : float
+        Computing time [s].
+    stuck : (2,) tuple of float, or None
+        Positions between which no configuration goes on [m, or rad].
+    reason : str
+        Why none does.
+    """
+
+    layers: int
+    nodes: int
+    inserted: int
+    rounds: int
+    seconds: float
+    stuck: tuple[float, float] | None = None
+    reason: str = ""
+
+    def __str__(self) -> str:
+        return f"  resolved: {self.layers} layers, {self.nodes} configurations, {self.seconds:.2g} s"
+
+
+def spread_layers(path: Path, least: int, most: int) -> Array:
+    """Return positions of layers, equally far in the tool's motion."""
+    s = np.linspace(0.0, path.end, DENSE)
+    poses = path.pose(s)
+    away = se3.error(poses[:-1], poses[1:])
+    step = PER_METRE * np.linalg.norm(away[:, :3], axis=1) + PER_RADIAN * np.linalg.norm(away[:, 3:], axis=1) + 1e-9
+    length = np.append(0.0, np.cumsum(step))
+    count = int(np.clip(np.ceil(length[-1]), least, most))
+    at = np.interp(np.linspace(0.0, length[-1], count + 1), length, s)
+    at[-1] = path.end
+    return np.asarray(at)
+
+
+def resolve(
+    sampler: Sampler, path: Path, *, many: bool, count: int = 1, cuts: int = 0, start: Array | None = None,
+    near: Array | None = None,
+) -> tuple[list[list[Sequence]], Resolution]:  # fmt: skip
+    """Return up to so many sequences along a path, the cheapest first, and how they were found; shorter ones if none goes on.
+
+    The first configuration is a start (n,), if one is given, or one that is preferred near another.
+    """
+    begun = perf_counter()
+    s = spread_layers(path, *(MANY if many else FEW))
+    graph = Graph(sampler, path, s, MANY_DRAWS if many else FEW_DRAWS, start, near)
+    found, stuck = graph.find(count, cuts, FINEST * path.end if many else np.inf)
+    nodes = sum(len(layer.q) for layer in graph.layers)
+    return found, Resolution(len(graph.layers), nodes, graph.inserted, graph.rounds, perf_counter() - begun, stuck)

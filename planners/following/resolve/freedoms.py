@@ -1,0 +1,101 @@
+"""Resolution of a path with freedoms: sequences of the extended arm, and paths with coefficients that follow them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+import scipy
+
+from optik.arm.robot import Robot
+from optik.types import Array
+from planners.following.branches import Rooms
+from planners.following.resolve import Resolution, resolve
+from planners.following.resolve.extend import columns_of, extend, is_joint
+from planners.following.resolve.graph import Sequence
+from planners.following.resolve.nodes import Sampler
+from planners.following.resolve.relax import relax
+from planners.paths.free_path import FreePath
+
+SAMPLES_PER_COEFFICIENT = 4
+"""Values of a coordinate for each coefficient that is fitted to it."""
+MORE_COEFFICIENTS = (1.0, 1.5, 2.5, 5.0)
+"""Numbers of coefficients, over that of the path, that are fitted until one can be followed."""
+MOST_CAUTION = 3
+"""Degrees of caution of the relaxation that are tried."""
+
+
+class FreeWay(NamedTuple):
+    """Joints q (k, n) [rad, m] and coordinates f (k, d) of the freedoms at positions s (k,) along a path."""
+
+    s: Array
+    q: Array
+    f: Array
+
+    @property
+    def joints(self) -> Sequence:
+        """The joints alone."""
+        return Sequence(self.s, self.q)
+
+    def fit(self, path: FreePath) -> Array:
+        """Return the coefficients (C, d) of the coordinates, inside their ranges."""
+        at = np.linspace(0.0, path.end, SAMPLES_PER_COEFFICIENT * path.spline.count)
+        f = scipy.interpolate.make_interp_spline(self.s, self.f, k=min(3, len(self.s) - 1))(at)
+        return path.clip(path.spline.fit(at, f))
+
+
+def can_resolve(path: FreePath) -> bool:
+    """Return whether the path has freedoms that move the tool, and all of them are joints."""
+    return len(path.screws) > 0 and all(is_joint(kind) for kind in path.kinds)
+
+
+class FreeResolver:
+    """Finds sequences of an arm and the freedoms of a path.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+    path : FreePath
+        The path, whose freedoms are joints (`can_resolve`).
+    rooms : Rooms or None
+        Rooms of configurations of the arm in a scene.
+    time_limit : float
+        Computing time [s].
+    """
+
+    def __init__(self, robot: Robot, path: FreePath, rooms: Rooms | None, time_limit: float) -> None:
+        freedoms = tuple((kind, path.bounds[kind.name]) for kind in path.kinds if kind.screws)
+        self.path, self.n, self.arm = path, robot.n, extend(robot, freedoms)
+        self._columns, discs = columns_of(robot, freedoms)
+        own = None if rooms is None else (lambda q: rooms(np.ascontiguousarray(q[:, : robot.n])))
+        self._sampler = Sampler(self.arm, robot.n, path.given, own, time_limit, discs)
+        self._found: list[Sequence] = []
+        self._held = False
+
+    def find(self, q: Array | None, *, held: bool, many: bool, count: int) -> tuple[list[FreeWay], Resolution]:
+        """Return sequences from a start, or preferred near it; none if none reaches the end."""
+        start = None
+        if q is not None:
+            start = np.append(q, np.zeros(self.arm.n - self.n))
+            start[self._columns] = self.path.coefficients[0]
+        found, made = resolve(
+            self._sampler, self.path.given, many=many, count=count, start=start if held else None, near=start
+        )
+        self._found, self._held = [parts[0] for parts in found if made.stuck is None], held
+        return [self._relax(one) for one in self._found], made
+
+    def _relax(self, sequence: Sequence, caution: int = 0) -> FreeWay:
+        s, q = relax(self._sampler, self.path.given, sequence, held=self._held, caution=caution)
+        return FreeWay(s, q[:, : self.n], q[:, self._columns])
+
+    def candidates(self, ways: list[FreeWay]) -> Iterator[tuple[FreePath, FreeWay]]:
+        """Yield paths with coefficients of the ways, first with few coefficients, then farther from limits and contact."""
+        for caution in range(MOST_CAUTION):
+            for i, way in enumerate(ways):
+                chosen = self._relax(self._found[i], caution) if caution else way
+                for factor in MORE_COEFFICIENTS if self.path.counts_itself else (1.0,):
+                    count = int(factor * self.path.spline.count)
+                    path = self.path if factor == 1.0 else self.path.with_count(count)
+                    yield path.with_coefficients(chosen.fit(path), None), chosen

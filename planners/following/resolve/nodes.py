@@ -1,0 +1,159 @@
+"""Configurations of an arm that reach poses of a path: random ones, continued ones, and their costs."""
+
+from __future__ import annotations
+
+import zlib
+from time import perf_counter
+from typing import NamedTuple
+
+import numpy as np
+
+from optik import newton
+from optik.arm.robot import Robot
+from optik.ik import make_solver
+from optik.types import Array, Flags
+from planners.following.branches import Rooms
+from planners.following.joint_path import smallest_singular_values
+from planners.following.smoothing import BARRIER_WEIGHT, LOG_EDGE, STATION_REACHED
+from planners.paths.base import Path
+
+SEED_STATIONS = np.linspace(0.0, 1.0, 5)
+"""Fractions of the path whose poses, to a micrometre, seed the random numbers."""
+CIRCLE_RANGE = 3.0 * np.pi
+"""Range [rad] from which a joint's values are on the circle: every one has a winding inside the limits with room to move."""
+SINGULAR_WEIGHT, ROOM_WEIGHT, NEAR_ROOM = 0.2, 1.0, 0.02
+"""Weights in a configuration's cost of −ln of the smallest singular value, and of e^(−room / `NEAR_ROOM`) [m]."""
+FREEDOM_WEIGHT, LEAST_WEIGHT = 0.05, 1.0 / 400.0
+"""Weight of the motion of a freedom, beside that of the arm's median joint, and the least weight."""
+SAME_ROOT = 1e-5
+"""Configurations nearer than this [rad, m] are one root of an arm with six joints."""
+
+
+class Layer(NamedTuple):
+    """Configurations (k, n) of one pose, on the circle [rad, m], their rooms (k,) [m] and costs (k,)."""
+
+    q: Array
+    rooms: Array
+    costs: Array
+
+
+class Sampler:
+    """Draws, continues and judges configurations of an arm, inside the limits and free of contact.
+
+    Parameters
+    ----------
+    arm : Robot
+        The arm, with its freedoms as joints.
+    joints : int
+        Number of its own joints, which come first.
+    path : Path
+        The path, which seeds the random numbers with the arm.
+    rooms : Rooms or None
+        Rooms of configurations of the arm in a scene.
+    time_limit : float
+        Computing time [s] after which no more configurations are sought.
+    discs : tuple of (int, float)
+        First of two joints whose values lie in a disc, and its radius.
+    """
+
+    def __init__(
+        self, arm: Robot, joints: int, path: Path, rooms: Rooms | None, time_limit: float,
+        discs: tuple[tuple[int, float], ...] = (),
+    ) -> None:  # fmt: skip
+        limits = arm.limits
+        self.arm, self._rooms, self._discs = arm, rooms, discs
+        self.redundant = arm.n > 6
+        self._solver = make_solver(arm, "lm", max_restarts=2)
+        poses = path.pose(SEED_STATIONS * path.end).round(6) + 0.0
+        self.rng = np.random.default_rng([int(arm.fingerprint, 16), zlib.crc32(poses.tobytes())])
+        self.circle: Flags = ~arm.prismatic & (limits.upper - limits.lower > CIRCLE_RANGE)
+        self._low, self._high = (
+            np.where(self.circle, x, y) for x, y in ((-np.pi, limits.lower), (np.pi, limits.upper))
+        )
+        speed = np.full(arm.n, np.inf) if limits.velocity is None else limits.velocity
+        known, own = np.isfinite(speed), np.arange(arm.n) < joints
+        self.slowness: Array = np.where(known, 1.0 / np.where(known, speed, 1.0), 0.0)
+        typical = np.median(self.slowness[known & own]) if (known & own).any() else 1.0
+        weights = np.where(own, np.where(known, (self.slowness / typical) ** 2, 1.0), FREEDOM_WEIGHT)
+        self.weights: Array = np.maximum(weights, LEAST_WEIGHT)
+        self._solver.solve_batch(
+            arm.fk(limits.middle[None]), limits.middle[None], threads=1
+        )  # compiles its kernel, if it must
+        self.deadline = perf_counter() + time_limit
+
+    def wind(self, q: Array) -> Array:
+        """Return configurations with the values of turning joints in [−π, π] where these are on the circle."""
+        return np.ascontiguousarray(np.where(self.circle, q - 2.0 * np.pi * np.round(q / (2.0 * np.pi)), q))
+
+    def unwind(self, q: Array) -> Array:
+        """Return a sequence (k, n) without jumps of a turn, in the windings that are nearest to the middle of the ranges."""
+        step = np.diff(q, axis=0)
+        step -= np.where(self.circle, 2.0 * np.pi * np.round(step / (2.0 * np.pi)), 0.0)
+        q = np.concatenate([q[:1], q[:1] + np.cumsum(step, axis=0)])
+        off = self.arm.limits.middle - 0.5 * (q.min(axis=0) + q.max(axis=0))
+        return np.asarray(q + np.where(self.circle, 2.0 * np.pi * np.round(off / (2.0 * np.pi)), 0.0))
+
+    def rooms(self, q: Array) -> Array:
+        """Return the rooms (k,) of configurations [m]; infinite without a scene."""
+        return np.full(len(q), np.inf) if self._rooms is None or not len(q) else self._rooms(np.ascontiguousarray(q))
+
+    def allows(self, q: Array) -> Flags:
+        """Return which configurations are inside the limits and the discs of their freedoms."""
+        inside = ((q >= self.arm.limits.lower) & (q <= self.arm.limits.upper) | self.circle).all(axis=1)
+        for at, radius in self._discs:
+            inside = inside & (np.linalg.norm(q[:, at : at + 2], axis=1) <= radius)
+        return np.asarray(inside)
+
+    def draw(self, poses: Array, count: int) -> list[Array]:
+        """Return configurations of each pose (k, 4, 4) from so many random guesses."""
+        n = self.arm.n
+        low = np.where(np.isfinite(self._low), self._low, -np.pi)
+        high = np.where(np.isfinite(self._high), self._high, np.pi)
+        starts = low + (high - low) * self.rng.random((len(poses) * count, n))
+        targets = np.repeat(poses, count, axis=0)
+        found = self._solver.solve_batch(targets, starts, threads=1)
+        solved = np.flatnonzero(found.solved)
+        q, ok = self.project(found.q[solved], targets[solved], 3)
+        own = solved // count
+        q, own = self.wind(q[ok]), own[ok]
+        layers = [q[own == k] for k in range(len(poses))]
+        return layers if self.redundant else [_make_unique(layer) for layer in layers]
+
+    def project(self, q: Array, poses: Array, steps: int = 8) -> tuple[Array, Flags]:
+        """Return configurations moved onto poses by steps of least norm, and which of them arrive and are allowed."""
+        q = np.array(q, order="C")
+        poses = np.ascontiguousarray(np.broadcast_to(poses, (len(q), 4, 4)))
+        if not len(q):
+            return q, np.zeros(0, np.bool_)
+        newton.polish_batch(self.arm.chain, q, poses, steps)
+        return q, (np.abs(self.arm.pose_errors(q, poses)).max(axis=1) < STATION_REACHED) & self.allows(q)
+
+    def project_slowly(self, q: Array, poses: Array) -> tuple[Array, Flags]:
+        """Return configurations moved onto poses with the least motion by the weights of the joints, and which arrive."""
+        q, W = np.array(q, order="C"), 1.0 / self.weights
+        for _ in range(3):
+            J, e = self.arm.jacobian(q), self.arm.pose_errors(q, poses)
+            JW = J * W
+            q += np.einsum(
+                "kij,ki->kj", JW, np.linalg.solve(JW @ np.swapaxes(J, 1, 2) + 1e-12 * np.eye(6), e[..., None])[..., 0]
+            )
+        return self.project(q, poses, 3)
+
+    def judge(self, q: Array) -> Layer:
+        """Return the configurations that are free of contact, with their costs."""
+        room = self.rooms(q)
+        q, room = q[room > 0.0], room[room > 0.0]
+        x = np.minimum(np.abs(self.arm.limits.normalise(q)), LOG_EDGE)
+        x = np.where(self.circle, 0.0, x)
+        sigma = smallest_singular_values(self.arm, q)
+        cost = -BARRIER_WEIGHT * np.log(1.0 - x**2).sum(axis=1) - SINGULAR_WEIGHT * np.log(np.maximum(sigma, 1e-9))
+        return Layer(q, room, cost + ROOM_WEIGHT * np.exp(-np.maximum(room, 0.0) / NEAR_ROOM))
+
+
+def _make_unique(q: Array) -> Array:
+    """Return configurations (k, n) without repetitions."""
+    kept: list[Array] = []
+    for x in q:
+        if all(np.abs(x - y).max() > SAME_ROOT for y in kept):
+            kept.append(x)
+    return np.array(kept).reshape(-1, q.shape[1])

@@ -1,0 +1,57 @@
+"""Relaxation: the configurations of a sequence move along their self-motion manifolds until the motion is short."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from optik.types import Array
+from planners.following.resolve.graph import Sequence
+from planners.following.resolve.nodes import Sampler
+from planners.paths.base import Path
+
+SWEEPS, MOVED = 60, 1e-3
+"""Most sweeps, and the largest motion of a joint [rad, m] in a sweep that ends them."""
+WANTED_ROOM = 0.02
+"""Room [m] up to which a configuration's own may not become less."""
+LIMITS_PUSH, INSIDE = 0.02, 0.02
+"""Step from the limits of a joint at one of them [rad, m], and the fraction of half its range that is kept from them: the curve
+through the configurations overshoots."""
+LONGEST_MOVE = 0.3
+"""Longest motion of a joint in a sweep [rad, m]."""
+LONGER, SHORTER = 1.5, 0.4
+"""Factors of the step after one that was accepted, and after one that was not."""
+
+
+def relax(sampler: Sampler, path: Path, given: Sequence, *, held: bool, caution: int = 0) -> Sequence:
+    """Return a shorter sequence: each configuration moves towards the mean of its neighbours, and stays inside and free.
+
+    Each further degree of caution keeps it farther from limits and contact.
+    """
+    s, q, limits = given.s, given.q.copy(), sampler.arm.limits
+    poses, rooms, step, K = np.ascontiguousarray(path.pose(s)), sampler.rooms(q), np.ones(len(q)), len(q)
+    pad = INSIDE * (1 + caution) * np.where(limits.bounded, limits.half, 0.0)
+    push, wanted = LIMITS_PUSH * 3.0**caution, WANTED_ROOM * (1 + caution)
+
+    def outside(x: Array) -> Array:
+        return np.maximum(np.maximum(limits.lower + pad - x, x - limits.upper + pad), 0.0)
+
+    for _ in range(SWEEPS):
+        moved = 0.0
+        for parity in (0, 1):
+            k = np.arange(parity, K, 2)
+            k = k[1:] if held and parity == 0 else k
+            left, right = np.maximum(k - 1, 0), np.minimum(k + 1, K - 1)
+            left, right = np.where(k == 0, right, left), np.where(k == K - 1, left, right)  # an end has one neighbour
+            u = np.where(left < right, (s[k] - s[left]) / np.where(left < right, s[right] - s[left], 1.0), 0.0)[:, None]
+            to = step[k, None] * ((1.0 - u) * q[left] + u * q[right] - q[k])
+            on, ok = sampler.project_slowly(q[k] + to - push * limits.normalise(q[k]) ** 7, poses[k])
+            room = np.full(len(k), -1.0)
+            room[ok] = sampler.rooms(on[ok])
+            ok &= (room > 0.0) & (room >= np.minimum(rooms[k], wanted))
+            ok &= (np.abs(on - q[k]).max(axis=1) < LONGEST_MOVE) & (outside(on) <= outside(q[k]) + 1e-12).all(axis=1)
+            moved = max(moved, float(np.abs(on[ok] - q[k][ok]).max(initial=0.0)))
+            q[k[ok]], rooms[k[ok]] = on[ok], room[ok]
+            step[k] = np.where(ok, np.minimum(1.0, LONGER * step[k]), SHORTER * step[k])
+        if moved < MOVED:
+            break
+    return Sequence(s, q)
