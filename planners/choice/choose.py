@@ -336,9 +336,12 @@ def choose(
     return best, report(path, duration, best, outcome, gradient, tried, steps)
 
 
-def report_fixed(path: FreePath | PointToPoint, fixed: Timed) -> FreedomResult:
-    """Return the result for a path that another law than optimal timed."""
-    outcome = "the initial coefficients: only the law optimal chooses them"
+def report_fixed(
+    path: FreePath | PointToPoint,
+    fixed: Timed,
+    outcome: str = "the initial coefficients: only the law optimal chooses them",
+) -> FreedomResult:
+    """Return the result for a path whose coefficients were not chosen."""
     return report(path, fixed.trajectory.duration, fixed, outcome)
 
 

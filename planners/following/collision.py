@@ -35,6 +35,10 @@ class CollisionCheck:
         """Return the rooms of configurations (k, n) [m]: a configuration whose room is above 0 is collision-free."""
         return find_nearest_pairs(self.robot, self.scene, q)[0]
 
+    def name_pair(self, q: Array) -> str:
+        """Return the two nearest parts at a configuration."""
+        return " and ".join(find_contact(self.robot, self.scene, q).pair)
+
     def proves_free(self, way: FollowedTrack) -> bool:
         """Return whether the quintics through a tracked branch are proved to be collision-free."""
         if len(way.s) < 2 or self.find_rooms(way.q).min() <= 0.0:

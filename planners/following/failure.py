@@ -43,6 +43,7 @@ class FollowStatus(StrEnum):
     UNREACHABLE = "unreachable"
     CONTACT = "contact"
     NO_LENGTH = "no_length"
+    NO_PATH_FOUND = "no_path_found"
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,9 @@ from planners.following.failure import (
 from planners.following.joint_path import Course, IKRecord, JointPath, Nodes, make_empty_guide, thin_knots
 from planners.following.redundancy import MOST_REFINEMENTS, find_null_space_motions
 from planners.following.resolve import Resolution
+from planners.following.resolve.explain import explain_stuck
 from planners.following.resolve.graph import Sequence
+from planners.following.resolve.nodes import Sampler
 from planners.following.singular import smallest_singular_value
 from planners.following.track import FollowedTrack, TrackEnd, track
 from planners.paths.base import Path
@@ -196,10 +198,10 @@ class Follower:
 
     def _choose_null_space_motion(self) -> FollowResult:
         """Return the first null-space motion that reaches the end without collision, or the one that goes farthest."""
-        robot, best, made = self.robot, None, list[Resolution]()
+        robot, best, made = self.robot, None, list[tuple[Sampler, Resolution]]()
         rooms = None if self.collision is None else self.collision.find_rooms
         for motion in find_null_space_motions(
-            robot, self.path, self.q, self.branch, rooms, self.way, self.time_limit, made
+            robot, self.path, self.q, self.branch, self.collision, self.way, self.time_limit, made
         ):
             for _ in range(MOST_REFINEMENTS):
                 course = Course(self.path, motion.guide())
@@ -217,7 +219,10 @@ class Follower:
             return FollowResult(None, self._explain_no_start())
         _, way, course = best
         followed = self._finish(course, way, way.q[0] if self.branch == "best" or self.q is None else self.q)
-        return followed._replace(resolution=made[-1] if made else None)
+        if not made:
+            return followed
+        failure = followed.failure and explain_stuck(made[-1][0], self.path, made[-1][1], followed.failure)
+        return followed._replace(failure=failure, resolution=made[-1][1])
 
     def _is_free(self, way: FollowedTrack) -> bool:
         """Return whether a track reaches the path's end and is collision-free."""

@@ -12,6 +12,7 @@ from optik.arm.robot import Robot
 from optik.types import Array, Flags
 from planners.following import smoothing
 from planners.following.branches import Rooms
+from planners.following.collision import CollisionCheck
 from planners.following.joint_path import Guide
 from planners.following.resolve import Resolution, resolve
 from planners.following.resolve.graph import Sequence
@@ -37,8 +38,8 @@ MOST_REFINEMENTS = 4
 
 
 def find_null_space_motions(
-    robot: Robot, path: Path, q: Array | None, branch: str, rooms: Rooms | None = None, way: Sequence | None = None,
-    time_limit: float = 0.0, made: list[Resolution] | None = None,
+    robot: Robot, path: Path, q: Array | None, branch: str, collision: CollisionCheck | None = None,
+    way: Sequence | None = None, time_limit: float = 0.0, made: list[tuple[Sampler, Resolution]] | None = None,
 ) -> Iterator[NullSpaceMotion]:  # fmt: skip
     """Yield null-space motions to try, the best first.
 
@@ -48,7 +49,7 @@ def find_null_space_motions(
     the limits. A spline g through them, and one W through the null spaces there, are the guide: q(s) is the configuration on
     the path with W(s) (q − g(s)) = 0. So q', q'', q''' are unique and exact for any splines.
     """
-    held = branch == "start"
+    held, rooms = branch == "start", None if collision is None else collision.find_rooms
     if way is not None:
         q_way = way.q.copy()
         _project(robot, path.pose(way.s), q_way)
@@ -62,11 +63,11 @@ def find_null_space_motions(
         if not time_limit > 0.0:
             return
         q = first[0]
-    sampler = Sampler(robot, robot.n, path, rooms, max(time_limit, LEAST_TIME))
+    sampler = Sampler(robot, robot.n, path, collision, max(time_limit, LEAST_TIME))
     for many in (True,) if held else (False, True) if time_limit > 0.0 else (False,):
         found, done = resolve(sampler, path, many=many, count=CHOICES, start=q if held else None, near=q)
         if made is not None:
-            made.append(done)
+            made.append((sampler, done))
         motions = [
             NullSpaceMotion(
                 robot, path, *(parts[-1] if rooms is None else relax(sampler, path, parts[-1], held=held)), held=held,

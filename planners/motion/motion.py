@@ -31,7 +31,8 @@ class PlanStatus(StrEnum):
     is nothing to move. TIMING_INFEASIBLE: the law found no motion.
     LIMITS_EXCEEDED: the motion exceeds limits that the caller gave and that the law does not enforce; or with ``strict=True``,
     the law's motion exceeds a limit that it enforces (then there is no motion). NOT_PROVED: there is a motion, but its
-    certificate is not valid for another reason. NO_PATH_FOUND: no way around the obstacles was found; one may exist.
+    certificate is not valid for another reason. NO_PATH_FOUND: no way around the obstacles was found, or no sequence of
+    configurations along the path; one may exist.
     """
 
     SOLVED = FollowStatus.SOLVED
@@ -45,7 +46,7 @@ class PlanStatus(StrEnum):
     TIMING_INFEASIBLE = "timing_infeasible"
     LIMITS_EXCEEDED = "limits_exceeded"
     NOT_PROVED = "not_proved"
-    NO_PATH_FOUND = "no_path_found"
+    NO_PATH_FOUND = FollowStatus.NO_PATH_FOUND
 
 
 @dataclass(frozen=True, eq=False)

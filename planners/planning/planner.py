@@ -17,11 +17,12 @@ from optik.types import Array
 from planners.certificate.certification import certify
 from planners.choice.choose import FreedomResult, report
 from planners.choice.first_paths import DEFAULT_SEARCH, advise_elbow
-from planners.choice.ways import DENSITIES, choose_path, choose_way
+from planners.choice.ways import DENSITIES, FEW_SEGMENTS, choose_path, choose_way
 from planners.following.collision import CollisionCheck
 from planners.following.failure import PlanFailure
 from planners.following.follow import FollowResult, FollowStatus, make_follower
 from planners.following.follower import START_TOLERANCE
+from planners.following.resolve.explain import explain_stuck
 from planners.following.resolve.freedoms import FreeResolver, FreeWay, can_resolve
 from planners.following.resolve.graph import Sequence
 from planners.limits import SAME_SPEED
@@ -98,18 +99,20 @@ class MotionPlanner:
         beyond = followed.status not in MAY_CHANGE or (held and followed.joint_path is None)
         if not resolvable or (held if followed else beyond):
             return path, followed, []
-        rooms = None if scene is None else CollisionCheck(robot, scene).find_rooms
-        resolver = FreeResolver(robot, path, rooms, self.time_limit)
+        resolver = FreeResolver(robot, path, None if scene is None else CollisionCheck(robot, scene), self.time_limit)
         q = None if q_start is None else check_start(robot, q_start, "q_start")
+        count = 1 if held or path.segments > FEW_SEGMENTS else max(path.starts - 1, 1)
         for many in (False, True):
-            ways, made = resolver.find(q, held=held, many=many, count=1 if held else max(path.starts - 1, not followed))
+            ways, made = resolver.find(q, held=held, many=many, count=count)
             if followed:
-                return path, followed._replace(resolution=made), ways
+                return path, followed._replace(resolution=made), ways[: path.starts - 1]
             for candidate, way in resolver.candidates(ways):
                 found = self.follow(candidate, way.q[0], "start", scene, way.joints)
                 if found:
-                    return candidate, found._replace(resolution=made), ways
-        return path, followed._replace(resolution=made), []
+                    return candidate, found._replace(resolution=made), [other for other in ways if other is not way]
+        assert followed.failure is not None
+        failure = explain_stuck(resolver.sampler, path.given, made, followed.failure)
+        return path, followed._replace(failure=failure, resolution=made), []
 
     def _reach_start(self, path: FreePath, q_start: ArrayLike) -> Array:
         """Return a configuration at the path's start from a first guess; itself if it is there, or if none is found."""

@@ -34,8 +34,6 @@ class Resolution(NamedTuple):
         Computing time [s].
     stuck : (2,) tuple of float, or None
         Positions between which no configuration goes on [m, or rad].
-    reason : str
-        Why none does.
     """
 
     layers: int
@@ -44,7 +42,6 @@ class Resolution(NamedTuple):
     rounds: int
     seconds: float
     stuck: tuple[float, float] | None = None
-    reason: str = ""
 
     def __str__(self) -> str:
         return f"  resolved: {self.layers} layers, {self.nodes} configurations, {self.seconds:.2g} s"

@@ -10,7 +10,7 @@ import scipy
 
 from optik.arm.robot import Robot
 from optik.types import Array
-from planners.following.branches import Rooms
+from planners.following.collision import CollisionCheck
 from planners.following.resolve import Resolution, resolve
 from planners.following.resolve.extend import columns_of, extend, is_joint
 from planners.following.resolve.graph import Sequence
@@ -59,18 +59,17 @@ class FreeResolver:
         The arm.
     path : FreePath
         The path, whose freedoms are joints (`can_resolve`).
-    rooms : Rooms or None
-        Rooms of configurations of the arm in a scene.
+    collision : CollisionCheck or None
+        The arm in its scene.
     time_limit : float
         Computing time [s].
     """
 
-    def __init__(self, robot: Robot, path: FreePath, rooms: Rooms | None, time_limit: float) -> None:
+    def __init__(self, robot: Robot, path: FreePath, collision: CollisionCheck | None, time_limit: float) -> None:
         freedoms = tuple((kind, path.bounds[kind.name]) for kind in path.kinds if kind.screws)
         self.path, self.n, self.arm = path, robot.n, extend(robot, freedoms)
         self._columns, discs = columns_of(robot, freedoms)
-        own = None if rooms is None else (lambda q: rooms(np.ascontiguousarray(q[:, : robot.n])))
-        self._sampler = Sampler(self.arm, robot.n, path.given, own, time_limit, discs)
+        self.sampler = Sampler(self.arm, robot.n, path.given, collision, time_limit, discs)
         self._found: list[Sequence] = []
         self._held = False
 
@@ -81,13 +80,13 @@ class FreeResolver:
             start = np.append(q, np.zeros(self.arm.n - self.n))
             start[self._columns] = self.path.coefficients[0]
         found, made = resolve(
-            self._sampler, self.path.given, many=many, count=count, start=start if held else None, near=start
+            self.sampler, self.path.given, many=many, count=count, start=start if held else None, near=start
         )
         self._found, self._held = [parts[0] for parts in found if made.stuck is None], held
         return [self._relax(one) for one in self._found], made
 
     def _relax(self, sequence: Sequence, caution: int = 0) -> FreeWay:
-        s, q = relax(self._sampler, self.path.given, sequence, held=self._held, caution=caution)
+        s, q = relax(self.sampler, self.path.given, sequence, held=self._held, caution=caution)
         return FreeWay(s, q[:, : self.n], q[:, self._columns])
 
     def candidates(self, ways: list[FreeWay]) -> Iterator[tuple[FreePath, FreeWay]]:

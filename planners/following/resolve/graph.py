@@ -22,8 +22,9 @@ CHECKED_AT, NEAR_CHORD = (0.25, 0.5, 0.75), 0.5
 """Positions along an edge at which it is followed, and how far from the chord it may be there, over the longest edge."""
 ALIKE = 0.02
 """Edges whose ends are nearer than this [rad, m] to those of one that cannot be followed are not tried."""
-MOST_ROUNDS, MORE_ROUNDS = 300, 3
-"""Most rounds of the search, and how many more are made for further sequences once one is found."""
+FEW_ROUNDS, MOST_ROUNDS, MORE_ROUNDS = 20, 300, 3
+"""Most rounds of the search without inserted layers, and with them; how many more are made for further sequences once one is
+found."""
 RECONFIGURATION, PRICE = 1e6, 0.5
 """Cost of a reconfiguration, above all other costs, so that the fewest are taken; and per second of its slowest joint."""
 OFTEN = 5
@@ -264,7 +265,7 @@ class Graph:
         there, and the positions between which none goes on are returned, too. Only the edges of the answers are followed.
         """
         further = 0
-        for _ in range(MOST_ROUNDS):
+        for _ in range(MOST_ROUNDS if np.isfinite(least) else FEW_ROUNDS):
             self.rounds += 1
             late, gap = perf_counter() > self.sampler.deadline, None
             often = [k for k, times in self.failed.items() if times >= OFTEN and self.s[k] - self.s[k - 1] >= least]

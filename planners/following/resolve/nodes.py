@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zlib
+from collections import Counter
 from time import perf_counter
 from typing import NamedTuple
 
@@ -12,7 +13,7 @@ from optik import newton
 from optik.arm.robot import Robot
 from optik.ik import make_solver
 from optik.types import Array, Flags
-from planners.following.branches import Rooms
+from planners.following.collision import CollisionCheck
 from planners.following.joint_path import smallest_singular_values
 from planners.following.smoothing import BARRIER_WEIGHT, LOG_EDGE, STATION_REACHED
 from planners.paths.base import Path
@@ -48,8 +49,8 @@ class Sampler:
         Number of its own joints, which come first.
     path : Path
         The path, which seeds the random numbers with the arm.
-    rooms : Rooms or None
-        Rooms of configurations of the arm in a scene.
+    collision : CollisionCheck or None
+        The arm without freedoms in its scene.
     time_limit : float
         Computing time [s] after which no more configurations are sought.
     discs : tuple of (int, float)
@@ -57,11 +58,11 @@ class Sampler:
     """
 
     def __init__(
-        self, arm: Robot, joints: int, path: Path, rooms: Rooms | None, time_limit: float,
+        self, arm: Robot, joints: int, path: Path, collision: CollisionCheck | None, time_limit: float,
         discs: tuple[tuple[int, float], ...] = (),
     ) -> None:  # fmt: skip
         limits = arm.limits
-        self.arm, self._rooms, self._discs = arm, rooms, discs
+        self.arm, self._joints, self._collision, self._discs = arm, joints, collision, discs
         self.redundant = arm.n > 6
         self._solver = make_solver(arm, "lm", max_restarts=2)
         poses = path.pose(SEED_STATIONS * path.end).round(6) + 0.0
@@ -95,7 +96,15 @@ class Sampler:
 
     def rooms(self, q: Array) -> Array:
         """Return the rooms (k,) of configurations [m]; infinite without a scene."""
-        return np.full(len(q), np.inf) if self._rooms is None or not len(q) else self._rooms(np.ascontiguousarray(q))
+        if self._collision is None or not len(q):
+            return np.full(len(q), np.inf)
+        return self._collision.find_rooms(np.ascontiguousarray(q[:, : self._joints]))
+
+    def name_contact(self, q: Array) -> str:
+        """Return the pair that is in contact at most of the configurations (k, n), in words."""
+        assert self._collision is not None
+        pairs = Counter(self._collision.name_pair(x) for x in q[:, : self._joints])
+        return pairs.most_common(1)[0][0]
 
     def allows(self, q: Array) -> Flags:
         """Return which configurations are inside the limits and the discs of their freedoms."""
