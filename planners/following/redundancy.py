@@ -63,7 +63,7 @@ def find_null_space_motions(
         if not time_limit > 0.0:
             return
         q = first[0]
-    sampler = Sampler(robot, robot.n, path, collision, max(time_limit, LEAST_TIME))
+    sampler = Sampler(robot, robot, path, collision, max(time_limit, LEAST_TIME))
     for many in (True,) if held else (False, True) if time_limit > 0.0 else (False,):
         found, done = resolve(sampler, path, many=many, count=CHOICES, start=q if held else None, near=q)
         if made is not None:

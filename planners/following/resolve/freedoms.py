@@ -69,7 +69,7 @@ class FreeResolver:
         freedoms = tuple((kind, path.bounds[kind.name]) for kind in path.kinds if kind.screws)
         self.path, self.n, self.arm = path, robot.n, extend(robot, freedoms)
         self._columns, discs = columns_of(robot, freedoms)
-        self.sampler = Sampler(self.arm, robot.n, path.given, collision, time_limit, discs)
+        self.sampler = Sampler(self.arm, robot, path.given, collision, time_limit, discs)
         self._found: list[Sequence] = []
         self._held = False
 

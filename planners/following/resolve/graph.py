@@ -27,6 +27,8 @@ FEW_ROUNDS, MOST_ROUNDS, MORE_ROUNDS = 20, 300, 3
 found."""
 RECONFIGURATION, PRICE = 1e6, 0.5
 """Cost of a reconfiguration, above all other costs, so that the fewest are taken; and per second of its slowest joint."""
+FEWEST_STARTS, MOST_START_ROUNDS = 8, 20
+"""Configurations that are enough at a start, and most further rounds of draws there."""
 OFTEN = 5
 """Rounds in which an edge to a layer cannot be followed after which one is inserted before it."""
 SPREAD_ON = 5
@@ -42,23 +44,24 @@ class Sequence(NamedTuple):
 
 @compiled
 def find_edges(
-    layer: Array, costs: Array, q: Array, metric: tuple[Array, Flags], forbidden: Flags, window: Indices, total: Array,
-    best: Indices,
+    layer: tuple[Array, Array, Array], q: Array, sides: Array, metric: tuple[Array, Flags], forbidden: Flags,
+    window: Indices, total: Array, best: Indices,
 ) -> None:  # fmt: skip
     """Write the cheapest edge from a layer (k, n) to each configuration (m, n); infinite without one.
 
-    Shapes and units: layer (k, n), q (m, n) [rad, m], costs (k,), metric: weights (n,) and which joints are on
-    the circle (n,), forbidden (k, m), or empty, window (m, 2) of rows of the layer, total (m,), best (m,) (overwritten).
+    Shapes and units: layer: configurations (k, n) [rad, m], costs (k,) and sides (k,), q (m, n) [rad, m], sides (m,), metric:
+    weights (n,) and which joints are on the circle (n,), forbidden (k, m), or empty, window (m, 2) of rows of the layer,
+    total (m,), best (m,) (overwritten).
     """
-    weights, circle = metric
+    (before, costs, side), (weights, circle) = layer, metric
     for j in range(q.shape[0]):
         total[j], best[j] = np.inf, -1
         for i in range(window[j, 0], window[j, 1]):
             cost = costs[i]
-            if not cost < total[j] or (forbidden.size > 0 and forbidden[i, j]):
+            if not cost < total[j] or side[i] != sides[j] or (forbidden.size > 0 and forbidden[i, j]):
                 continue
             for a in range(q.shape[1]):
-                d = abs(q[j, a] - layer[i, a])
+                d = abs(q[j, a] - before[i, a])
                 if circle[a] and d > np.pi:
                     d = 2.0 * np.pi - d
                 if d > LARGEST_EDGE:
@@ -67,6 +70,11 @@ def find_edges(
                 cost += weights[a] * d * d
             if cost < total[j]:
                 total[j], best[j] = cost, i
+
+
+def join(a: Layer, b: Layer) -> Layer:
+    """Return the configurations of two layers."""
+    return Layer(*(np.concatenate(pair) for pair in zip(a, b, strict=True)))
 
 
 class Graph:
@@ -97,6 +105,10 @@ class Graph:
         if start is not None:
             drawn[0] = sampler.wind(start[None])
         self.layers = [sampler.judge(q) for q in drawn]
+        for _ in range(0 if start is not None else MOST_START_ROUNDS):
+            if len(self.layers[0].q) >= FEWEST_STARTS:
+                break
+            self.layers[0] = join(self.layers[0], sampler.judge(sampler.draw(self.poses[:1], draws)[0]))
         self.forbidden: dict[int, Flags] = {}
         self.failed = Counter[int]()
         self.inserted = self.rounds = 0
@@ -124,8 +136,7 @@ class Graph:
             )
         on, ok = sampler.project(half, self.poses[b])
         ok &= np.abs(on - q).max(axis=1, initial=0.0) <= LARGEST_EDGE
-        new = sampler.judge(sampler.wind(on[ok]))
-        self.layers[b] = Layer(*(np.concatenate(pair) for pair in zip(self.layers[b], new, strict=True)))
+        self.layers[b] = join(self.layers[b], sampler.judge(sampler.wind(on[ok])))
 
     def _are_linked(self, a: int, b: int) -> Flags:
         """Return which configurations of layer b have an edge to one of layer a."""
@@ -133,7 +144,7 @@ class Graph:
 
     def _find_edges(self, a: int, costs: Array, b: int, forbidden: Flags) -> tuple[Array, Indices]:
         """Return the costs of layer b by the best edges from layer a, and their first ends; −1 without one."""
-        layer, q, sampler = self.layers[a].q, self.layers[b].q, self.sampler
+        (layer, _, _, side), (q, _, _, sides), sampler = self.layers[a], self.layers[b], self.sampler
         spread = np.where(sampler.circle, -1.0, layer.std(axis=0)) if len(layer) else np.zeros(1)
         j = int(np.argmax(spread))  # of sorted rows only a window can be near
         order = np.argsort(layer[:, j]) if spread[j] >= 0.0 else np.arange(len(layer))
@@ -145,8 +156,8 @@ class Graph:
         weights = 0.5 * (len(self.s) - 1) * sampler.weights
         forbidden = forbidden[order] if forbidden.size else forbidden
         find_edges(
-            layer[order], costs[order], q, (weights, sampler.circle), forbidden, np.stack(ends, axis=1).astype(np.int64), total,
-            best,
+            (layer[order], costs[order], side[order]), q, sides, (weights, sampler.circle), forbidden,
+            np.stack(ends, axis=1).astype(np.int64), total, best,
         )  # fmt: skip
         return total, np.where(best >= 0, order[best] if len(order) else best, -1)
 

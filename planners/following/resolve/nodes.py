@@ -26,16 +26,23 @@ SINGULAR_WEIGHT, ROOM_WEIGHT, NEAR_ROOM = 0.2, 1.0, 0.02
 """Weights in a configuration's cost of −ln of the smallest singular value, and of e^(−room / `NEAR_ROOM`) [m]."""
 FREEDOM_WEIGHT, LEAST_WEIGHT = 0.05, 1.0 / 400.0
 """Weight of the motion of a freedom, beside that of the arm's median joint, and the least weight."""
+LEAST_REGULAR = 5e-3
+"""Least smallest singular value [m, 1] of an arm that follows a path with freedoms: nearer to a singular configuration, joints
+move far for a small change of the freedoms."""
 SAME_ROOT = 1e-5
 """Configurations nearer than this [rad, m] are one root of an arm with six joints."""
 
 
 class Layer(NamedTuple):
-    """Configurations (k, n) of one pose, on the circle [rad, m], their rooms (k,) [m] and costs (k,)."""
+    """Configurations (k, n) of one pose, on the circle [rad, m], their rooms (k,) [m], costs (k,), and sides (k,).
+
+    The side is the sign of the determinant of an arm of six joints: it changes only through a singular configuration.
+    """
 
     q: Array
     rooms: Array
     costs: Array
+    sides: Array
 
 
 class Sampler:
@@ -45,12 +52,12 @@ class Sampler:
     ----------
     arm : Robot
         The arm, with its freedoms as joints.
-    joints : int
-        Number of its own joints, which come first.
+    own : Robot
+        The arm without freedoms, whose joints come first.
     path : Path
         The path, which seeds the random numbers with the arm.
     collision : CollisionCheck or None
-        The arm without freedoms in its scene.
+        The arm in its scene.
     time_limit : float
         Computing time [s] after which no more configurations are sought.
     discs : tuple of (int, float)
@@ -58,11 +65,11 @@ class Sampler:
     """
 
     def __init__(
-        self, arm: Robot, joints: int, path: Path, collision: CollisionCheck | None, time_limit: float,
+        self, arm: Robot, own: Robot, path: Path, collision: CollisionCheck | None, time_limit: float,
         discs: tuple[tuple[int, float], ...] = (),
     ) -> None:  # fmt: skip
         limits = arm.limits
-        self.arm, self._joints, self._collision, self._discs = arm, joints, collision, discs
+        self.arm, self._own, self._collision, self._discs = arm, own, collision, discs
         self.redundant = arm.n > 6
         self._solver = make_solver(arm, "lm", max_restarts=2)
         poses = path.pose(SEED_STATIONS * path.end).round(6) + 0.0
@@ -72,10 +79,10 @@ class Sampler:
             np.where(self.circle, x, y) for x, y in ((-np.pi, limits.lower), (np.pi, limits.upper))
         )
         speed = np.full(arm.n, np.inf) if limits.velocity is None else limits.velocity
-        known, own = np.isfinite(speed), np.arange(arm.n) < joints
+        known, real = np.isfinite(speed), np.arange(arm.n) < own.n
         self.slowness: Array = np.where(known, 1.0 / np.where(known, speed, 1.0), 0.0)
-        typical = np.median(self.slowness[known & own]) if (known & own).any() else 1.0
-        weights = np.where(own, np.where(known, (self.slowness / typical) ** 2, 1.0), FREEDOM_WEIGHT)
+        typical = np.median(self.slowness[known & real]) if (known & real).any() else 1.0
+        weights = np.where(real, np.where(known, (self.slowness / typical) ** 2, 1.0), FREEDOM_WEIGHT)
         self.weights: Array = np.maximum(weights, LEAST_WEIGHT)
         self._solver.solve_batch(
             arm.fk(limits.middle[None]), limits.middle[None], threads=1
@@ -98,12 +105,12 @@ class Sampler:
         """Return the rooms (k,) of configurations [m]; infinite without a scene."""
         if self._collision is None or not len(q):
             return np.full(len(q), np.inf)
-        return self._collision.find_rooms(np.ascontiguousarray(q[:, : self._joints]))
+        return self._collision.find_rooms(np.ascontiguousarray(q[:, : self._own.n]))
 
     def name_contact(self, q: Array) -> str:
         """Return the pair that is in contact at most of the configurations (k, n), in words."""
         assert self._collision is not None
-        pairs = Counter(self._collision.name_pair(x) for x in q[:, : self._joints])
+        pairs = Counter(self._collision.name_pair(x) for x in q[:, : self._own.n])
         return pairs.most_common(1)[0][0]
 
     def allows(self, q: Array) -> Flags:
@@ -149,14 +156,20 @@ class Sampler:
         return self.project(q, poses, 3)
 
     def judge(self, q: Array) -> Layer:
-        """Return the configurations that are free of contact, with their costs."""
-        room = self.rooms(q)
-        q, room = q[room > 0.0], room[room > 0.0]
+        """Return the configurations that are free of contact and regular, with their costs."""
+        room, sigma, sides = self.rooms(q), *self.regularity(q)
+        kept = (room > 0.0) & (sigma > (LEAST_REGULAR if self._own.n < self.arm.n else 0.0))
+        q, room, sigma, sides = q[kept], room[kept], sigma[kept], sides[kept]
         x = np.minimum(np.abs(self.arm.limits.normalise(q)), LOG_EDGE)
         x = np.where(self.circle, 0.0, x)
-        sigma = smallest_singular_values(self.arm, q)
         cost = -BARRIER_WEIGHT * np.log(1.0 - x**2).sum(axis=1) - SINGULAR_WEIGHT * np.log(np.maximum(sigma, 1e-9))
-        return Layer(q, room, cost + ROOM_WEIGHT * np.exp(-np.maximum(room, 0.0) / NEAR_ROOM))
+        return Layer(q, room, cost + ROOM_WEIGHT * np.exp(-np.maximum(room, 0.0) / NEAR_ROOM), sides)
+
+    def regularity(self, q: Array) -> tuple[Array, Array]:
+        """Return the smallest singular values (k,) of the arm without freedoms, which follows the path, and the sides (k,)."""
+        own = np.ascontiguousarray(q[:, : self._own.n])
+        sides = np.sign(np.linalg.det(self._own.jacobian(own))) if self._own.n == 6 else np.zeros(len(q))
+        return smallest_singular_values(self._own, own), sides
 
 
 def _make_unique(q: Array) -> Array:

@@ -13,6 +13,8 @@ SWEEPS, MOVED = 60, 1e-3
 """Most sweeps, and the largest motion of a joint [rad, m] in a sweep that ends them."""
 WANTED_ROOM = 0.02
 """Room [m] up to which a configuration's own may not become less."""
+REGULAR = 0.02
+"""Smallest singular value up to which a configuration's own may not become less [m, 1]."""
 LIMITS_PUSH, INSIDE = 0.02, 0.02
 """Step from the limits of a joint at one of them [rad, m], and the fraction of half its range that is kept from them: the curve
 through the configurations overshoots."""
@@ -28,6 +30,7 @@ def relax(sampler: Sampler, path: Path, given: Sequence, *, held: bool, caution:
     Each further degree of caution keeps it farther from limits and contact.
     """
     s, q, limits = given.s, given.q.copy(), sampler.arm.limits
+    (sigma, sides), regular = sampler.regularity(q), REGULAR * (1 + caution)
     poses, rooms, step, K = np.ascontiguousarray(path.pose(s)), sampler.rooms(q), np.ones(len(q)), len(q)
     pad = INSIDE * (1 + caution) * np.where(limits.bounded, limits.half, 0.0)
     push, wanted = LIMITS_PUSH * 3.0**caution, WANTED_ROOM * (1 + caution)
@@ -49,8 +52,10 @@ def relax(sampler: Sampler, path: Path, given: Sequence, *, held: bool, caution:
             room[ok] = sampler.rooms(on[ok])
             ok &= (room > 0.0) & (room >= np.minimum(rooms[k], wanted))
             ok &= (np.abs(on - q[k]).max(axis=1) < LONGEST_MOVE) & (outside(on) <= outside(q[k]) + 1e-12).all(axis=1)
+            sigma_on, sides_on = sampler.regularity(on)
+            ok &= (sides_on == sides[k]) & (sigma_on >= np.minimum(sigma[k], regular))
             moved = max(moved, float(np.abs(on[ok] - q[k][ok]).max(initial=0.0)))
-            q[k[ok]], rooms[k[ok]] = on[ok], room[ok]
+            q[k[ok]], rooms[k[ok]], sigma[k[ok]] = on[ok], room[ok], sigma_on[ok]
             step[k] = np.where(ok, np.minimum(1.0, LONGER * step[k]), SHORTER * step[k])
         if moved < MOVED:
             break
