@@ -284,9 +284,11 @@ def _write_failed(plan: planners.Plan, file: Path) -> None:
     """Write a failed plan for `optik view`, marked as failed, and name the file on the error stream."""
     from planners.cell.recorded import failed_plan_data
 
-    text = json.dumps(failed_plan_data(plan), allow_nan=False) + "\n"
+    data = failed_plan_data(plan)
+    text = json.dumps(data, allow_nan=False) + "\n"
     write_atomically(file, lambda part: part.write_text(text, encoding="utf-8"))
-    err_console.print(f"failed plan written to {file}; to see it: optik view {file}", soft_wrap=True)
+    seen = f"; to see it: optik view {file}" if data["t"] else ", without a configuration"
+    err_console.print(f"failed plan written to {file}{seen}", soft_wrap=True)
 
 
 def _read_torque_limit(arm: optik.Robot, field: str, text: str) -> dict[str, Any]:

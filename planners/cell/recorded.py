@@ -55,10 +55,15 @@ def _sample_before_failure(plan: Plan) -> tuple[Array, Array]:
         return track.t, track.q
     except NoSolution:
         pass
-    if plan.prefix is None:
+    assert plan.failure is not None
+    parts = getattr(plan, "parts", ())[: plan.failure.part]  # of a program
+    pieces = [(part.joint_path, part.joint_path.end) for part in parts]
+    if plan.prefix is not None:
+        pieces.append((plan.prefix, min(plan.prefix.end, plan.failure.s)))
+    if not pieces and not plan.path.in_joints:
         return np.zeros(0), np.zeros((0, plan.robot.n))
-    end = plan.prefix.end if plan.failure is None else min(plan.prefix.end, plan.failure.s)
-    q = np.asarray(plan.prefix(np.linspace(0.0, end, JOINT_PATH_SAMPLES) if end > 0.0 else np.zeros(1)))
+    q = np.concatenate([piece(np.linspace(0.0, end, JOINT_PATH_SAMPLES if end > 0.0 else 1)) for piece, end in pieces]
+                       or [plan.path.configurations(plan.robot, np.zeros(1))])  # fmt: skip
     steps = np.maximum(np.abs(np.diff(q, axis=0)).max(axis=1), 1e-6)
     return np.concatenate([[0.0], np.cumsum(steps) / SHOWN_SPEED]), q
 
@@ -105,7 +110,7 @@ def _show_failed_plan(data: Mapping[str, Any]) -> Show:
     path = path_of(data["path"], robot)
     status, reason, advice = (read_word(data[key], key) for key in ("status", "reason", "advice"))
     if not data["t"]:
-        raise NoSolution(f"the plan failed at the start of its path: {reason}", advice=advice)
+        raise NoSolution(f"a plan that failed without a configuration: {reason}", advice=advice)
     t, q = _check_table(data["t"], data["q"], robot.n, "q")
     rows = [("Plan", f"FAILED: {status.replace('_', ' ')}"), ("Reason", reason), ("Advice", advice)]
     if isinstance(data.get("s"), float | int):
