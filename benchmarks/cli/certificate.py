@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -31,11 +32,13 @@ def format_ratio(ratio: float) -> str:
     return describe_ratio(ratio) if EXACT_EXCESS < ratio - 1.0 < 5e-3 else f"{ratio:.3g}"
 
 
-def describe_effort(proof: Any, robot: Any, load: str = "") -> str:
+def describe_effort(proof: Any, robot: Any, robots: Sequence[Any] = ()) -> str:
     """Describe the mass model of a motion, its energy and its power."""
     payload = robot.payload
     net = round(proof.energy.net, 9) + 0.0  # neither rounding errors nor −0
-    load = load or ("without payload" if payload is None else f"with {payload}")
+    loads = list(dict.fromkeys(str(arm.payload or "none") for arm in robots))  # of a program
+    load = "without payload" if payload is None else f"with {payload}"
+    load = f"with payloads {', '.join(loads)}" if loads[1:] else load
     words = (
         f"for this mass model, {load}: energy {net:.3g} J ({proof.energy.drawn:.3g} J without recovery while "
         f"braking), peak power {round(proof.energy.power, 9):.3g} W"
@@ -96,8 +99,7 @@ def print_certificate(plan: Any, by_law: tuple[str, ...]) -> None:
         f"{proof.singular_value:.3g} at {proof.t_singular_value:.3f} s, {SMOOTH[proof.continuous]}"
     )
     if proof.energy is not None:
-        loads = list(dict.fromkeys(str(arm.payload or "none") for arm in arms))
-        out_console.print(describe_effort(proof, plan.robot, f"with payloads {', '.join(loads)}" if loads[1:] else ""))
+        out_console.print(describe_effort(proof, plan.robot, arms))
     if proof.clearance is not None:
         out_console.print(describe_clearance(proof.clearance))
     if plan.slowed > 1.0:

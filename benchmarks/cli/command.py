@@ -320,7 +320,10 @@ class LimitsCommand(RobotCommand):
 
     def load(self, name: str = "") -> optik.Robot:
         """Load the robot, with the joint ranges of ``--limits``."""
-        arm = super().load(name)
+        return self.limit_ranges(super().load(name))
+
+    def limit_ranges(self, arm: optik.Robot) -> optik.Robot:
+        """Return the arm with the joint ranges of ``--limits``."""
         if self.limits is None:
             return arm
         from planners.limits.moveit import load_limits

@@ -15,9 +15,12 @@ from numpy.typing import ArrayLike
 from optik.arm.robot import Robot
 from optik.check import locate_error
 from optik.errors import InvalidInput
-from optik.file_io import check_suffix, decode_text, read_bytes
+from optik.file_io import check_suffix, decode_text, parse_json, read_bytes
 from optik.tables import Names, TextTable, read_names, read_table, warn_of_assumptions
 from optik.types import Array
+from planners.files import load_motion
+from planners.files.base import CONTENT
+from planners.motion import Motion
 from planners.paths.goal import find_continuous
 from planners.ros.export import MESSAGE_SUFFIXES, JointNames, find_columns
 from planners.ros.message import POINT_FIELDS, Form, MessagePoints, from_text, read_points
@@ -45,6 +48,8 @@ def load_trajectory(
     ignore: Names = None, unwrap: Names = None, columns: Names = None,
 ) -> Trajectory:  # fmt: skip
     """Read setpoints that another program wrote, without path and limits; `planners.certify` takes them with ``path=None``.
+
+    Of a file that `save` wrote, the exact polynomials are read, unless an option asks for another reading of its table.
 
     Parameters
     ----------
@@ -86,6 +91,11 @@ def load_trajectory(
     suffix = check_suffix(file, READ_SUFFIXES)
     if not isinstance(robot, Robot):
         raise InvalidInput("robot", repr(robot)[:60], "a Robot")
+    saved = read_saved(file)
+    if saved is not None and all(x is None for x in (interpolation, start, ignore, unwrap, columns)):
+        if saved.robot.joint_names != robot.joint_names:
+            raise InvalidInput(f"{file}: joint_names", ", ".join(saved.robot.joint_names), f"those of {robot.name}")
+        return saved.trajectory
     names = Form("", find_columns(robot, joint_names)).names
     try:
         if suffix == ".csv":
@@ -99,6 +109,25 @@ def load_trajectory(
         raise (error if own else locate_error(file, error)) from None
     trajectory.notes = warn_of_assumptions(file, found.notes)
     return trajectory
+
+
+def read_saved(file: str | os.PathLike[str], *, exact: bool = True) -> Motion | None:
+    """Return the motion of a file that `save` wrote; None for other files, and if `exact`, for points at a rate.
+
+    Joints rounded to 16 digits give a piece of 1 ms a jerk that is off by 1e-5 rad/s³: the polynomials of the file are exact.
+    """
+    content, suffix = read_bytes(FilePath(file)), FilePath(file).suffix.lower()
+    if suffix == ".csv":
+        saved = content.startswith(b"# format") and not (exact and b"\n# rate: " in content)
+        return load_motion(file) if saved else None
+    data = parse_json(decode_text(content, str(file)), str(file)) if suffix == ".json" else None
+    found = data.get("format") if isinstance(data, dict) else None
+    if isinstance(found, str) and found.startswith("optik-") and found != CONTENT:
+        advice = f"optik view {file} shows an execution or a failed plan"
+        raise InvalidInput(
+            f"{file}: format", repr(found)[:60], "setpoints, a message, or a saved motion", advice=advice
+        )
+    return load_motion(file) if found == CONTENT else None
 
 
 def _unwrap(data: Any) -> Any:

@@ -273,7 +273,7 @@ class PartFollower:
 
     def _say_tried(self, failed: FailedPart, k: int, followed: int, count: int) -> FailedPart:
         """Return a failure with the number of configurations that were tried."""
-        if count == 1:
+        if count == 1 or failed.failure.status == PlanStatus.NO_LENGTH:  # which no configuration changes
             return failed
         what = f"parts {k + 1} to {k + followed + 1}" if followed else "it"
         where = (
