@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from optik.view.show import Show, Track
 from planners.cell.facts import drive_words, unread_facts
 from planners.cell.show import thin_execution
 from planners.files.base import from_plain
-from planners.motion.show import certificate_facts, motion_facts, plot_limits, sample_path, sample_track
+from planners.motion.show import sample_path, sample_track, show_motion
 from planners.paths import path_of
 from planners.plan import Plan
 
@@ -95,11 +96,9 @@ def _show_execution(data: Mapping[str, Any]) -> Show:
     status = read_word(data.get("status", ""), "status").replace("_", " ")
     rows = [("Drive", drive_words(drive)), ("Execution", status)]
     rows += [(name.capitalize(), read_word(data[name], name)) for name in ("reason", "advice") if data.get(name)]
-    return Show(
-        motion.robot, f"{motion.robot.name}: {motion.law} on the drive {drive_words(drive)}", planned,
-        sample_path(motion.path), executed, motion.scene, plot_limits(motion.limits, motion.robot.n),
-        facts=(*motion_facts(motion), *certificate_facts(motion.certify()), *rows, *unread_facts(unread)),
-    )  # fmt: skip
+    show, title = show_motion(motion), f"{motion.robot.name}: {motion.law} on the drive {drive_words(drive)}"
+    facts = (*show.facts, *rows, *unread_facts(unread))
+    return replace(show, title=title, planned=planned, executed=executed, facts=facts)
 
 
 def _show_failed_plan(data: Mapping[str, Any]) -> Show:

@@ -10,6 +10,9 @@ from typer.testing import CliRunner, Result
 import optik
 import planners
 from benchmarks.cli.app import app
+from planners.cell.drives.ideal import METHOD as Ideal
+from planners.cell.show import show_execution
+from planners.cell.stored import restore_plan
 from planners.motion.show import show_motion
 from tests.oracles import REPOSITORY
 
@@ -36,6 +39,12 @@ def test_a_program_is_planned_written_viewed_and_sent(tmp_path: Path) -> None:
     shown = show_motion(motion)
     assert len(shown.zones) == 4 and shown.events.shape == (2, 3)
     np.testing.assert_allclose(shown.events[:, 2], min(shown.path[:, 2]), atol=1e-6)
+    facts = dict(shown.facts)
+    stops = [text for name, text in shown.facts if name.startswith("At ")]
+    assert stops == ["wait of 0.2 s, payload 1.5 kg", "wait of 0.2 s, payload none"] and "Program" in facts
+    driven = show_execution(Ideal(motion.robot, motion.trajectory(0.0)).execute(restore_plan(motion)))
+    assert len(driven.zones) == 4 and driven.events.shape == (2, 3) and driven.executed is not None
+    assert {name for name, _ in driven.facts} >= {"Program", "Event", "Drive"}
     sent = run(
         "plan", "program", EXAMPLES / "pick_and_place.toml", *LIMITS, "--out", tmp_path / "m.yaml", "--rate", "125"
     )

@@ -339,7 +339,12 @@ def test_the_first_path_without_a_start_chooses_it_and_a_failure_says_what_was_t
 def test_a_move_of_no_length_does_not_blame_the_configurations():
     goal = HOME.copy()
     goal[2, 3] -= 0.1
-    found = planners.plan(ROBOT, Program([Part(goal, move="joint"), Part(Move([0.0, 0.0, 0.0]))]), START, limits=LIMITS)
+    found = planners.plan(
+        ROBOT,
+        Program([Part(goal, move="joint"), Part(Move(-X, "base")), Part(Move([0.0, 0.0, 0.0]))]),
+        START,
+        limits=LIMITS,
+    )
     assert found.status == "no_length" and "configurations" not in found.failure.reason
 
 
