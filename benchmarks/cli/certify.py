@@ -119,25 +119,26 @@ class CertifyCommand(LimitsCommand, SceneCommand, TableCommand):
         """Return the typed arm; for a saved motion, its own arm, and its path if it is a program's with changing payloads."""
         from planners.files.setpoints import read_saved
 
-        saved = read_saved(self.file, exact=False) if self.file.is_file() else None
-        if saved is None or self.robot != RobotCommand.robot:
-            arm = self.load()
-            if saved is None:
-                return arm, None
-            if not _is_same(arm, saved.robot):
-                self._warn(f"--robot {self.robot} is not the arm of the file: judged without the payload of the file")
-                return arm, None
+        saved, warning = read_saved(self.file, exact=False), ""
+        arm = self.load() if saved is None or self.robot != RobotCommand.robot else saved.robot
+        if saved is None:
+            return arm, None
         robots = dict.fromkeys(getattr(saved.path, "robots", ()))
-        if len(robots) > 1 and read_saved(self.file) is None:
-            self._warn(
-                f"points at a rate do not say where the payload changes: judged with {saved.robot.payload or 'none'}"
+        if not _is_same(arm, saved.robot):
+            robots, warning = (
+                {},
+                f"--robot {self.robot} is not the arm of the file: judged without the payload of the file",
             )
-            robots = {}
-        return self.limit_ranges(saved.robot), saved.path if robots else None
-
-    @staticmethod
-    def _warn(words: str) -> None:
-        err_console.print(f"warning: {words}", style="yellow", soft_wrap=True)
+        else:
+            arm = self.limit_ranges(saved.robot)
+            if len(robots) > 1 and read_saved(self.file) is None:
+                robots, warning = (
+                    {},
+                    f"points at a rate do not say when the payload changes: judged with {arm.payload or 'none'}",
+                )
+        if warning:
+            err_console.print(f"warning: {warning}", style="yellow", soft_wrap=True)
+        return arm, saved.path if robots else None
 
     def _read_trajectory(self, arm: optik.Robot) -> Trajectory:
         """Return the motion of the file."""

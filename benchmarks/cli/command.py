@@ -281,7 +281,7 @@ class StartCommand(RobotCommand):
 
     start_deg: str = numbers(
         "Robot",
-        "Start configuration [degrees, prismatic mm]: 20,-35,40; by default the arm's home, or a fixed sample.",
+        "Start configuration [degrees, prismatic mm]: 20,-35,40; by default that of a program's file, the home, or a sample.",
         "",
     )
     solver: str = option("Method", f"IK method, one of: {', '.join(optik.ik.solvers())}; or a file: ./jt.py.", "lm")

@@ -12,16 +12,7 @@ import typer
 from rich.table import Table
 
 import optik
-from benchmarks.cli.command import (
-    JsonCommand,
-    Start,
-    argument,
-    err_console,
-    numbers,
-    option,
-    out_console,
-    print_json,
-)
+from benchmarks.cli.command import JsonCommand, Start, argument, err_console, option, out_console, print_json
 from benchmarks.cli.plan import PlanCommand
 from benchmarks.cli.readers import read_configuration
 from optik.arm.model import unit_factors
@@ -44,9 +35,6 @@ class ProgramCommand(PlanCommand):
     """
 
     file: Path = argument("FILE", FILE_HELP)
-    start_deg: str = numbers(
-        "Robot", "Start configuration [degrees, prismatic mm], instead of the one in the file: 20,-35,40.", ""
-    )
     robot: str = option(
         "Robot",
         "A name from `optik robots`, or a file, instead of the arm that the program names.",
@@ -120,12 +108,8 @@ class CheckProgramCommand(JsonCommand):
         number = 0
         for row in rows:
             number += "motion" in row
-            cells = [
-                str(number) if "motion" in row else "",
-                row.get("name", ""),
-                row.get("motion", row.get("change", "")),
-            ]
-            table.add_row(*cells, row.get("end", ""), row.get("limits", ""))
+            shown, what = str(number) if "motion" in row else "", row.get("motion") or row.get("change", "")
+            table.add_row(shown, row.get("name", ""), what, row.get("end", ""), row.get("limits", ""))
         out_console.print(table)
         parts, events = format_count(len(content.program.parts), "part"), format_count(len(content.events), "event")
         out_console.print(f"{parts}, {events}: no errors")

@@ -49,8 +49,6 @@ def load_trajectory(
 ) -> Trajectory:  # fmt: skip
     """Read setpoints that another program wrote, without path and limits; `planners.certify` takes them with ``path=None``.
 
-    Of a file that `save` wrote, the exact polynomials are read, unless an option asks for another reading of its table.
-
     Parameters
     ----------
     file : str or path
@@ -58,14 +56,14 @@ def load_trajectory(
         joint by its name [rad, m], optionally ``dq_NAME`` and ``ddq_NAME`` (or ``velocity_``, ``acceleration_``). ``.json``:
         ``joint_names``, ``times`` (k,) [s], ``positions`` (k, n), optionally ``velocities``, ``accelerations``. The first time
         need not be 0. ``.json``, ``.yaml``, ``.yml``: a ``JointTrajectory`` of ROS 1 or 2, or a message that contains one.
+        Of a file that `save` wrote, the exact polynomials are read, unless one of the five last options is given.
     robot : Robot
         The arm; its joint names, or those of ``joint_names``, must be the file's, in any order.
     joint_names : mapping, optional
         From the robot's joint names to the file's.
     interpolation : {"linear", "cubic", "quintic", "spline"}, optional
-        Controller interpolation through positions, velocities and accelerations; by default the highest order of the data,
-        as in ROS 2's joint_trajectory_controller. ``"spline"`` is its ``positions_upsampling``: cubic splines through
-        positions, at rest at both ends.
+        Controller interpolation through the data; by default of their highest order, as in ROS 2's joint_trajectory_controller.
+        ``"spline"`` is its ``positions_upsampling``: cubic splines through positions, at rest at both ends.
     start : (n,) array, optional
         Configuration at 0 s [rad, m], at rest, for a message whose first point is later.
     ignore : str or sequence of str, optional
@@ -91,24 +89,26 @@ def load_trajectory(
     suffix = check_suffix(file, READ_SUFFIXES)
     if not isinstance(robot, Robot):
         raise InvalidInput("robot", repr(robot)[:60], "a Robot")
-    saved = read_saved(file)
-    if saved is not None and all(x is None for x in (interpolation, start, ignore, unwrap, columns)):
-        if saved.robot.joint_names != robot.joint_names:
-            raise InvalidInput(f"{file}: joint_names", ", ".join(saved.robot.joint_names), f"those of {robot.name}")
-        return saved.trajectory
+    if all(x is None for x in (interpolation, start, ignore, unwrap, columns)) and (saved := read_saved(file)):
+        return _check_names(saved, robot, file)
     names = Form("", find_columns(robot, joint_names)).names
     try:
-        if suffix == ".csv":
-            found = _read_columns(read_table(file, columns, ignore), robot, names)
-        else:
-            data = _unwrap(from_text(decode_text(read_bytes(FilePath(file))), suffix))
-            found = read_points(data, names, read_names(ignore, "ignore"))
+        found = _read_found(FilePath(file), suffix, robot, names, columns, ignore)
         trajectory = _build(found, robot, interpolation, start, unwrap)
     except InvalidInput as error:
         own = error.argument in ("interpolation", "start", "ignore", "unwrap") or str(file) in error.argument
         raise (error if own else locate_error(file, error)) from None
     trajectory.notes = warn_of_assumptions(file, found.notes)
     return trajectory
+
+
+def _read_found(
+    file: FilePath, suffix: str, robot: Robot, names: list[str], columns: Names, ignore: Names
+) -> MessagePoints:
+    """Return the setpoints of a table or a message."""
+    if suffix == ".csv":
+        return _read_columns(read_table(file, columns, ignore), robot, names)
+    return read_points(_unwrap(from_text(decode_text(read_bytes(file)), suffix)), names, read_names(ignore, "ignore"))
 
 
 def read_saved(file: str | os.PathLike[str], *, exact: bool = True) -> Motion | None:
@@ -128,6 +128,13 @@ def read_saved(file: str | os.PathLike[str], *, exact: bool = True) -> Motion | 
             f"{file}: format", repr(found)[:60], "setpoints, a message, or a saved motion", advice=advice
         )
     return load_motion(file) if found == CONTENT else None
+
+
+def _check_names(saved: Motion, robot: Robot, file: str | os.PathLike[str]) -> Trajectory:
+    """Return the trajectory of a saved motion whose joints are those of an arm."""
+    if saved.robot.joint_names != robot.joint_names:
+        raise InvalidInput(f"{file}: joint_names", ", ".join(saved.robot.joint_names), f"those of {robot.name}")
+    return saved.trajectory
 
 
 def _unwrap(data: Any) -> Any:

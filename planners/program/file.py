@@ -1,55 +1,24 @@
 """Programs in TOML, in millimetres, degrees and seconds, as their keys say.
 
-robot = "ur5e"                            # optional: a name, or a file below this one's folder
-start = "home"                            # optional: a configuration
-
+robot = "ur5e"                            # a name, or a file below this one's folder
+start = "home"                            # a configuration, or joints
 [configurations]
 home = [0, -90, 90, -90, -90, 0]          # degrees; millimetres for joints that slide
-
 [frames.fixture]
 xyz_mm = [400, 0, 20]
-rpy_deg = [0, 0, 90]                      # optional: roll, pitch and yaw
-frame = "cell"                            # optional: the frame in which it is given, by default the base
-
+frame = "cell"                            # the frame in which it is given, by default the base
 [[part]]
-name = "above"                            # optional
 pose = { frame = "fixture", xyz_mm = [0, 0, 100], rpy_deg = [180, 0, 0] }
-move = "joint"                            # optional: line (default), joint, or arc with via_mm = [x, y, z]
-blend_mm = 20                             # optional, as blend_rotation_deg: 0 is a stop
-
+move = "joint"                            # or line (default), or arc with via_mm
+blend_mm = 20
 [[part]]
-start_of = "bead"                         # where another part with a file begins
-offset_mm = [0, 0, -50]                   # optional, in the frame of the tool
-
-[[part]]
-vector_mm = [0, 0, 50]                    # in the frame "tool" (default) or "base"
-tool_speed_mm_s = 100                     # optional, as rotation_speed_deg_s
-
-[[part]]
-name = "bead"
-polyline = "bead.csv"                     # or spline; a table below this file's folder
-frame = "fixture"                         # optional: of the table
-within_mm = 0.5                           # optional: of a polyline's inner corners, or of a spline's points
-blend_mm = 2
-
-[[part]]
-configuration = "home"                    # or joints = [...]
-avoid = true                              # optional: a way around the obstacles of the scene
-
-[[part]]
-dwell_s = 0.3
-
-[[part]]
-tool = { xyz_mm = [0, 0, 120] }           # a change of the tool, of the payload, or of both
-payload_kg = 1.5                          # 0 for none
-payload_com_mm = [0, 0, 50]               # optional
-
+payload_kg = 1.5                          # a change of the tool or of the payload; or dwell_s, a wait
 [[event]]
-part = "bead"                             # or its number from 1, without waits and changes of the tool
+part = 1                                  # its number without waits and changes of the tool, or its name
 distance_mm = -50                         # or fraction, or spacing_mm, or time_s without a part
 signal = "gun"
-value = 0                                 # optional
-before_s = 0.05                           # optional
+
+docs/programs.md lists all keys, and examples/programs has whole programs.
 """
 
 from __future__ import annotations
@@ -97,12 +66,12 @@ PART_KEYS = ("name", "blend_mm", "blend_rotation_deg", "tool_speed_mm_s", "rotat
 """Further keys of every part with a goal."""
 CHANGE_KEYS = ("tool", "payload_kg", "payload_com_mm")
 """Keys of a change of the tool."""
+ALL_KEYS = (*GOALS, "dwell_s", *CHANGE_KEYS, *PART_KEYS, *itertools.chain(*MOVE_KEYS.values()))
+"""All keys of parts."""
 EVENT_KEYS = ("part", "distance_mm", "fraction", "spacing_mm", "time_s", "signal", "value", "before_s")
 """Keys of an event."""
-UNITS = {
-    "_mm_s": (1e-3, "mm/s"), "_deg_s": (np.pi / 180.0, "°/s"), "_mm": (1e-3, "mm"), "_deg": (np.pi / 180.0, "°"),
-    "_kg": (1.0, "kg"), "_s": (1.0, "s"),
-}  # fmt: skip
+UNITS = {"_mm_s": (1e-3, "mm/s"), "_deg_s": (np.pi / 180.0, "°/s"), "_mm": (1e-3, "mm"), "_deg": (np.pi / 180.0, "°"),
+         "_kg": (1.0, "kg"), "_s": (1.0, "s")}  # fmt: skip
 """Factors to SI units, and units, by the ends of keys."""
 ABOVE_ZERO = ("blend_rotation_deg", "tool_speed_mm_s", "rotation_speed_deg_s", "within_mm", "spacing_mm")
 """Keys of numbers above 0; all others but the distance of an event are at least 0."""
@@ -185,7 +154,10 @@ class _Reader:
         """Return the content; None with mistakes."""
         try:
             arm = robot if isinstance(robot, Robot) else load(read_word(robot, "robot"))
-            begin = self._read_start(arm) if start is None else arm.configuration(start, "start")
+            given, begin = self.data.get("start"), None if start is None else arm.configuration(start, "start")
+            if begin is None and given is not None:
+                read = self._read_configuration if isinstance(given, str) else self._read_joints
+                begin = read(arm, given, "start")
             items = self._read_items(arm, begin)
             events = self._read_events()
             self.where = ""
@@ -244,13 +216,6 @@ class _Reader:
     def _read_joints(self, arm: Robot, value: Any, key: str) -> Array:
         """Return joints inside their ranges."""
         return check_range(arm, read_vector(value, key, arm.n) / unit_factors(arm), key)
-
-    def _read_start(self, arm: Robot) -> Array | None:
-        start = self.data.get("start")
-        if start is None:
-            return None
-        known = isinstance(start, str)
-        return self._read_configuration(arm, start, "start") if known else self._read_joints(arm, start, "start")
 
     def _read_configuration(self, arm: Robot, name: Any, key: str) -> Array:
         known = self.data.get("configurations", {})
@@ -331,11 +296,8 @@ class _Reader:
         if len(goals) != 1:
             got = " and ".join(goals) if goals else f"none among the keys {', '.join(row) or 'of an empty table'}"
             expected = f"one of: {', '.join(GOALS)}; or dwell_s, or {', '.join(CHANGE_KEYS)}"
-            known = {*PART_KEYS, *itertools.chain(*MOVE_KEYS.values())}
-            near = [find_nearest_name(key, (*GOALS, "dwell_s", *CHANGE_KEYS)) for key in row if key not in known]
-            raise InvalidInput(
-                "goal", got, expected, advice=f"did you mean {near[0]}?" if any(near[:1]) and not goals else ""
-            )
+            near = next((near for key in row if key != (near := find_nearest_name(key, ALL_KEYS)) and near), "")
+            raise InvalidInput("goal", got, expected, advice=f"did you mean {near}?" if near else "")
         read_record(row, tuple(goals), "keys", optional=(*MOVE_KEYS.get(goals[0], ()), *PART_KEYS))
         move = row.get("move")
         if move not in (None, "line", "joint", "arc"):
@@ -414,9 +376,7 @@ class _Reader:
             com = read_vector(row.get("payload_com_mm", [0.0, 0.0, 0.0]), "payload_com_mm") * 1e-3
             payload = Payload(mass, com) if mass else None
             if mass and robot.inertia is None:
-                raise InvalidInput(
-                    "payload_kg", f"{mass:g} on {robot.name}, whose masses are unknown", "an arm with masses"
-                )
+                raise InvalidInput("payload_kg", f"{mass:g} on {robot.name}", "an arm whose masses are known")
         elif "payload_com_mm" in row:
             raise InvalidInput("payload_com_mm", "a centre of mass without a mass", "payload_kg, too")
         tool = self._read_pose(row["tool"], "tool", keys=POSE_KEYS[1:]) if "tool" in row else KEEP
@@ -459,8 +419,9 @@ class _Reader:
         part, path = self.paths[find_part([part for part, _ in self.paths], which, 1)]
         if key == "fraction":
             return
-        if not part.is_cartesian or part.avoid or (path is not None and path.unit != "m"):
-            what = "only turns the tool" if path is not None else "is in joint space"
+        in_joints = not part.is_cartesian or part.avoid
+        if in_joints or (path is not None and path.unit != "m"):
+            what = "is in joint space" if in_joints else "only turns the tool"
             raise InvalidInput(key, f"{value!r} along part {which!r}, which {what}", "fraction, from 0 to 1")
         if path is None:
             return

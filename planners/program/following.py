@@ -160,7 +160,7 @@ class PartFollower:
                 )
             own = part.goal.configurations(robot, np.zeros(1))
             return [own[0]] if own is not None else self._find_starts(robot, part.goal, None, rooms)
-        if not _is_choice(part):
+        if part.move != "joint":  # for which a configuration is chosen
             return None
         after = [i for i in (k + 1,) if i < len(self.robots) and self.robots[i] is robot]
         path = find_path(self.program.parts[after[0]], part.goal) if after else None
@@ -277,7 +277,7 @@ class PartFollower:
             return failed
         what = f"parts {k + 1} to {k + followed + 1}" if followed else "it"
         where = (
-            "of its start" if followed == 0 and not _is_choice(self.program.parts[k]) else f"at {self.program.label(k)}"
+            "of its start" if followed == 0 and self.program.parts[k].move != "joint" else f"at {self.program.label(k)}"
         )
         words = f"{failed.failure.reason}; none of the {count} configurations {where} follows {what}"
         return failed._replace(failure=replace(failed.failure, reason=words))
@@ -300,8 +300,3 @@ def fade_out(s: Array) -> Array:
         1.0 - u**4 * (35.0 - 84.0 * u + 70.0 * u**2 - 20.0 * u**3), -140.0 * (u * v) ** 3 / length,
         -420.0 * (u * v) ** 2 * (1.0 - 2.0 * u) / length**2, -840.0 * u * v * (1.0 - 5.0 * u * v) / length**3,
     ], axis=1)  # fmt: skip
-
-
-def _is_choice(part: Part) -> bool:
-    """Return whether a part moves the joints to a pose, for which a configuration is chosen."""
-    return part.move == "joint"

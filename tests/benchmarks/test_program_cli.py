@@ -151,7 +151,7 @@ def test_check_asks_for_a_start_and_counts_in_words(tmp_path: Path) -> None:
     done = run("program", "check", tmp_path / "p.toml")
     assert done.exit_code == 0 and "1 part, 0 events: no errors" in done.output
     assert "no start in the file: `optik plan program` needs --start-deg" in done.output
-    assert "instead of the one in the file" in " ".join(
+    assert "by default that of a program's file" in " ".join(
         run("plan", "program", "--help").output.replace("│", " ").split()
     )
     assert str(run("program", "check", tmp_path / "none.toml").exception).startswith("FILE: expected a readable file")
