@@ -38,6 +38,17 @@ def format_value(value: Any, most: int = 80) -> str:
     return " ".join(repr(value).split())[:most]
 
 
+def format_count(number: int, noun: str) -> str:
+    """Return a number of things in words: 1 part, 2 parts."""
+    return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
+def format_ratio(ratio: float, digits: int = 9) -> str:
+    """Return a ratio with so many digits, or with as many as tell it from 1."""
+    texts = (f"{ratio:.{d}g}" for d in range(digits, 17))
+    return next((text for text in texts if float(text) != 1.0), "1")
+
+
 def check_number(
     value: Any, argument: str, expected: str, *, above: float | None = None, least: float | None = None
 ) -> float:

@@ -84,9 +84,9 @@ def parse_json(text: str, argument: str) -> Any:
 
 
 def parse_toml(text: str, argument: str) -> dict[str, Any]:
-    """Parse TOML."""
+    """Parse TOML, after a byte order mark too."""
     try:
-        return tomllib.loads(text)
+        return tomllib.loads(text.removeprefix("\ufeff"))
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise InvalidInput(argument, str(error)[:120], "TOML") from None
 

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from rich.table import Table
 
 from benchmarks.cli.command import out_console, translate
+from optik.check import format_count
+from optik.check import format_ratio as describe_ratio
 
+MOST_CORNERS = 8
+"""Corners of a program that are listed."""
 EXACT_EXCESS = 5e-13
 """Excess over a limit [1] that is not shown: the rounding of exact extrema."""
 
@@ -24,14 +29,16 @@ def format_ratio(ratio: float) -> str:
     """Format a ratio to a limit with three digits, or with more if it is barely above 1."""
     if not np.isfinite(ratio):
         return "∞"
-    return f"{ratio:.9g}" if EXACT_EXCESS < ratio - 1.0 < 5e-3 else f"{ratio:.3g}"
+    return describe_ratio(ratio) if EXACT_EXCESS < ratio - 1.0 < 5e-3 else f"{ratio:.3g}"
 
 
-def describe_effort(proof: Any, robot: Any, load: str = "") -> str:
+def describe_effort(proof: Any, robot: Any, robots: Sequence[Any] = ()) -> str:
     """Describe the mass model of a motion, its energy and its power."""
     payload = robot.payload
     net = round(proof.energy.net, 9) + 0.0  # neither rounding errors nor −0
-    load = load or ("without payload" if payload is None else f"with {payload}")
+    loads = list(dict.fromkeys(str(arm.payload or "none") for arm in robots))  # of a program
+    load = "without payload" if payload is None else f"with {payload}"
+    load = f"with payloads {', '.join(loads)}" if loads[1:] else load
     words = (
         f"for this mass model, {load}: energy {net:.3g} J ({proof.energy.drawn:.3g} J without recovery while "
         f"braking), peak power {round(proof.energy.power, 9):.3g} W"
@@ -70,7 +77,7 @@ def print_certificate(plan: Any, by_law: tuple[str, ...]) -> None:
     limits = (*ALL_LIMITS, *proof.extra)
     way = f"{1e3 * plan.path.end:.1f} mm" if plan.path.unit == "m" else f"{np.degrees(plan.path.end):.4g}°"
     arms, parts = getattr(plan.path, "robots", (plan.robot,)), getattr(plan, "parts", ())
-    way = f"{len(parts)} parts in {len(arms)} sections" if parts else way
+    way = f"{format_count(len(parts), 'part')} in {format_count(len(arms), 'section')}" if parts else way
     title = f"{plan.solver} + {plan.law}: {way} in {proof.duration:.4f} s"
     table = Table("", "peak / limit", "joint", "time, s", f"enforced by {plan.law}", title=title)
     for field in limits:
@@ -92,8 +99,7 @@ def print_certificate(plan: Any, by_law: tuple[str, ...]) -> None:
         f"{proof.singular_value:.3g} at {proof.t_singular_value:.3f} s, {SMOOTH[proof.continuous]}"
     )
     if proof.energy is not None:
-        loads = list(dict.fromkeys(str(arm.payload or "none") for arm in arms))
-        out_console.print(describe_effort(proof, plan.robot, f"with payloads {', '.join(loads)}" if loads[1:] else ""))
+        out_console.print(describe_effort(proof, plan.robot, arms))
     if proof.clearance is not None:
         out_console.print(describe_clearance(proof.clearance))
     if plan.slowed > 1.0:
@@ -114,16 +120,39 @@ def print_certificate(plan: Any, by_law: tuple[str, ...]) -> None:
         out_console.print("certificate NOT valid: " + translate("; ".join(proof.reasons)), style="yellow")
 
 
+def _print_corners(plan: Any) -> None:
+    """Print the rounded corners of a program, and those that are narrower than their zone, or stops."""
+    corners = getattr(plan, "corners", ())
+    if corners:
+        away, turned = (max(corner.deviation[k] for corner in corners) for k in (0, 1))
+        rounded = format_count(sum(corner.end > corner.begin for corner in corners), "rounded corner")
+        most = f"at most {1e3 * away:.3g} mm and {np.degrees(turned):.3g}° from the sharp path (proved)"
+        out_console.print(f"{rounded}, {most}", soft_wrap=True)
+    reduced = [corner for corner in corners if corner.reduced]
+    for corner in reduced[:MOST_CORNERS]:
+        name = plan.parts[corner.part].name
+        what = (
+            f"{1e3 * corner.deviation[0]:.3g} of {1e3 * corner.zone[0]:.3g} mm"
+            if corner.end > corner.begin
+            else "a stop"
+        )
+        words = f"  after part {corner.part + 1}{f' {name!r}' if name else ''}: {what}: {corner.reduced}"
+        out_console.print(words, soft_wrap=True)
+    if len(reduced) > MOST_CORNERS:
+        out_console.print(f"  and {len(reduced) - MOST_CORNERS} more; --json lists them")
+
+
 def print_choice(plan: Any) -> None:
     """Print what a plan chose: the freedoms of its path, and how it avoided obstacles."""
     from planners.paths.free_path import FreePath
     from planners.paths.point_to_point import PointToPoint
 
     chosen, search = plan.freedom, plan.search
+    _print_corners(plan)
     if search is not None:
-        words = f"{search.rounds} round{'s' * (search.rounds != 1)} of path and timing"
+        words = f"{format_count(search.rounds, 'round')} of path and timing"
         if not isinstance(plan.path, FreePath):  # which is not searched
-            paths = f"{search.paths} initial path{'s' * (search.paths != 1)}"
+            paths = format_count(search.paths, "initial path")
             words = f"{search.planner} with {search.samples} random configurations, {paths}, {words}"
         out_console.print(f"search: {words}", soft_wrap=True)
     if chosen is None:

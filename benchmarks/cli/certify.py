@@ -21,8 +21,10 @@ from benchmarks.cli.certificate import (
 )
 from benchmarks.cli.command import (
     LimitsCommand,
+    RobotCommand,
     TableCommand,
     argument,
+    err_console,
     numbers,
     option,
     out_console,
@@ -68,7 +70,9 @@ class CertifyCommand(LimitsCommand, SceneCommand, TableCommand):
     is not proved.
     """
 
-    file: Path = argument("FILE", "A table .csv, or .json, .yaml or .yml with a table or a ROS message.")
+    file: Path = argument(
+        "FILE", "A table .csv, or .json, .yaml or .yml with a table or a ROS message; or a saved motion."
+    )
     path: Path | None = option(
         "Path", "Path that the tool must follow: waypoints in a .csv as for `optik plan polyline`, or a saved motion."
     )
@@ -84,7 +88,7 @@ class CertifyCommand(LimitsCommand, SceneCommand, TableCommand):
         """Read, certify, and print or write."""
         import planners
 
-        arm = self.load()
+        arm, own = self._load_arm()
         if self.html is not None:  # before a motion takes its time
             from optik.view.page import PAGE_SUFFIXES
 
@@ -96,20 +100,45 @@ class CertifyCommand(LimitsCommand, SceneCommand, TableCommand):
             raise InvalidInput(
                 "--limits", f"none, and {arm.name} has none of its own", "at least one limit", advice=advice
             )
-        path, tolerance = (None, None) if reference is None else reference
+        path, tolerance = (own, None) if reference is None else reference
         proof = planners.certify(arm, path, trajectory, limits, scene=scene, tolerance=tolerance)
         if self.html is not None:
             self._write_page(arm, trajectory, proof, limits, scene)
         if self.as_json:
             print_json(proof.to_dict() | {"notes": list(trajectory.notes), **self._describe_inputs(arm)})
         else:
-            _print(arm, proof, reference, self.file.name)
+            _print(arm, proof, reference, self.file.name, own)
             if not proof.is_valid and proof.continuous < 1 and not trajectory.padded[:4].any():
                 advice = "--interpolation spline judges a spline through them"
                 out_console.print(f"between positions alone the motion is linear, as in ros2_controllers; {advice}")
             if self.html is not None:
                 out_console.print(f"written to {self.html}")
         raise typer.Exit(0 if proof.is_valid else 1)
+
+    def _load_arm(self) -> tuple[optik.Robot, ToolPath | None]:
+        """Return the typed arm; for a saved motion, its own arm, and its path if it is a program's with changing payloads."""
+        from planners.files.setpoints import read_saved
+
+        saved, warning = read_saved(self.file, exact=False), ""
+        arm = self.load() if saved is None or self.robot != RobotCommand.robot else saved.robot
+        if saved is None:
+            return arm, None
+        robots = dict.fromkeys(getattr(saved.path, "robots", ()))
+        if not _is_same(arm, saved.robot):
+            robots, warning = (
+                {},
+                f"--robot {self.robot} is not the arm of the file: judged without the payload of the file",
+            )
+        else:
+            arm = self.limit_ranges(saved.robot)
+            if len(robots) > 1 and read_saved(self.file) is None:
+                robots, warning = (
+                    {},
+                    f"points at a rate do not say when the payload changes: judged with {arm.payload or 'none'}",
+                )
+        if warning:
+            err_console.print(f"warning: {warning}", style="yellow", soft_wrap=True)
+        return arm, saved.path if robots else None
 
     def _read_trajectory(self, arm: optik.Robot) -> Trajectory:
         """Return the motion of the file."""
@@ -177,7 +206,14 @@ class CertifyCommand(LimitsCommand, SceneCommand, TableCommand):
 # ---------------------------------------------------------------- the table
 
 
-def _print(arm: optik.Robot, proof: Certificate, reference: Reference | None, title: str) -> None:
+def _is_same(one: optik.Robot, other: optik.Robot) -> bool:
+    """Return whether two arms have the same links and masses; tools, payloads and limits may differ."""
+    same = one.joint_names == other.joint_names and np.array_equal(one.fixed, other.fixed)
+    masses = [None if arm.inertia is None else arm.inertia.content for arm in (one, other)]
+    return same and masses[0] == masses[1]
+
+
+def _print(arm: optik.Robot, proof: Certificate, reference: Reference | None, title: str, path: Any = None) -> None:
     """Print what was judged, and the verdict."""
     table = Table("", "peak / limit", "joint", "time, s", "", title=f"{title}: {proof.duration:.4f} s")
     for row in (_position_row(arm, proof), *_limit_rows(proof), *_path_rows(proof, reference)):
@@ -188,7 +224,7 @@ def _print(arm: optik.Robot, proof: Certificate, reference: Reference | None, ti
     tool = f"tool speed at most {proof.tool_speed.value:.3g} m/s, smallest singular value {proof.singular_value:.3g}"
     out_console.print(f"{tool} at {proof.t_singular_value:.3f} s, {SMOOTH[proof.continuous]}", soft_wrap=True)
     if proof.energy is not None:
-        out_console.print(describe_effort(proof, arm), soft_wrap=True)
+        out_console.print(describe_effort(proof, arm, getattr(path, "robots", ())), soft_wrap=True)
     if proof.clearance is not None:
         out_console.print(describe_clearance(proof.clearance), soft_wrap=True)
     if proof.is_valid:

@@ -281,7 +281,7 @@ class StartCommand(RobotCommand):
 
     start_deg: str = numbers(
         "Robot",
-        "Start configuration [degrees, prismatic mm]: 20,-35,40; by default the arm's home, or a fixed sample.",
+        "Start configuration [degrees, prismatic mm]: 20,-35,40; by default that of a program's file, the home, or a sample.",
         "",
     )
     solver: str = option("Method", f"IK method, one of: {', '.join(optik.ik.solvers())}; or a file: ./jt.py.", "lm")
@@ -320,7 +320,10 @@ class LimitsCommand(RobotCommand):
 
     def load(self, name: str = "") -> optik.Robot:
         """Load the robot, with the joint ranges of ``--limits``."""
-        arm = super().load(name)
+        return self.limit_ranges(super().load(name))
+
+    def limit_ranges(self, arm: optik.Robot) -> optik.Robot:
+        """Return the arm with the joint ranges of ``--limits``."""
         if self.limits is None:
             return arm
         from planners.limits.moveit import load_limits

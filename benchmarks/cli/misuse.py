@@ -35,7 +35,9 @@ def describe_usage(error: Any, context: Any, words: Sequence[str], kind: type) -
     named = max(param.opts, key=len) if param.param_type_name == "option" else str(param.metavar).strip("[]")
     typed = _find_value(param.opts, words)
     if typed is None:
-        return OptikError(f"{named} is missing{example}")
+        extra = context.command.make_parser(context).parse_args(list(words))[1]
+        beside = f", and unexpected argument {extra[0]}" if extra else ""
+        return OptikError(f"{named} is missing{beside}{example}")
     return InvalidInput(named, repr(typed), _describe_values(kind, param.name))
 
 

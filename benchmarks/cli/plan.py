@@ -12,7 +12,7 @@ import numpy as np
 import typer
 
 import optik
-from benchmarks.cli.certificate import print_certificate, print_choice
+from benchmarks.cli.certificate import format_excess, print_certificate, print_choice
 from benchmarks.cli.command import (
     ALLOW_HELP,
     MotionCommand,
@@ -187,7 +187,8 @@ class PlanCommand(MotionCommand, SceneCommand):
                 f"goal of the motion: {format_numbers(plan.goal * unit_factors(arm))} [degrees, prismatic mm]"
             )
         if self.out is not None:
-            out_console.print(f"written to {self.out}{_describe_export(sent, plan)}", soft_wrap=True)
+            words = _describe_export(sent, plan) if sent or self.rate is None else _describe_points(plan, self.rate)
+            out_console.print(f"written to {self.out}{words}", soft_wrap=True)
 
     def make_law(self) -> planners.TimeLaw:
         """Return the time law, at the typed speed."""
@@ -280,13 +281,29 @@ def _describe_export(sent: Any, plan: planners.Plan) -> str:
     return f": {sent.trajectory.duration:.4f} s, {percent:.3g} % longer than the plan, for {why}"
 
 
+def _describe_points(plan: planners.Plan, rate: float) -> str:
+    """Describe by how much a motion through the points of a file at a rate exceeds limits."""
+    from planners import MotionLimits, certify
+    from planners.limits import DERIVATIVES
+    from planners.trajectory.controller import simulate_controller
+
+    limits = MotionLimits(**{name: plan.limits.value(name) for name in DERIVATIVES})
+    proof = certify(plan.robot, None, simulate_controller(plan.trajectory, rate, "quintic"), limits)
+    beyond = [
+        f"{name} {format_excess(proof.worst(name)[0])}" for name in DERIVATIVES if proof.worst(name)[0] > 1.0 + 1e-9
+    ]
+    return f": interpolated between its points, the motion exceeds the limit on {', '.join(beyond)}" if beyond else ""
+
+
 def _write_failed(plan: planners.Plan, file: Path) -> None:
     """Write a failed plan for `optik view`, marked as failed, and name the file on the error stream."""
     from planners.cell.recorded import failed_plan_data
 
-    text = json.dumps(failed_plan_data(plan), allow_nan=False) + "\n"
+    data = failed_plan_data(plan)
+    text = json.dumps(data, allow_nan=False) + "\n"
     write_atomically(file, lambda part: part.write_text(text, encoding="utf-8"))
-    err_console.print(f"failed plan written to {file}; to see it: optik view {file}", soft_wrap=True)
+    seen = f"; to see it: optik view {file}" if data["t"] else ", without a configuration"
+    err_console.print(f"failed plan written to {file}{seen}", soft_wrap=True)
 
 
 def _read_torque_limit(arm: optik.Robot, field: str, text: str) -> dict[str, Any]:

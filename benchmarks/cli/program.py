@@ -16,6 +16,8 @@ from benchmarks.cli.command import JsonCommand, Start, argument, err_console, op
 from benchmarks.cli.plan import PlanCommand
 from benchmarks.cli.readers import read_configuration
 from optik.arm.model import unit_factors
+from optik.check import format_count
+from optik.errors import InvalidInput
 
 if TYPE_CHECKING:
     import planners
@@ -46,12 +48,13 @@ class ProgramCommand(PlanCommand):
         """The content of the file, for the arm with the typed options."""
         from planners.program.file import find_robot, load_program
 
-        return load_program(self.file, self.load(self.robot or find_robot(self.file)))
+        arm = self.load(self.robot or find_robot(self.file))
+        start = read_configuration(arm, self.start_deg) if self.start_deg.strip() else None
+        return load_program(self.file, arm, start)
 
     def load_start(self) -> Start:
         """Return the robot and the program's start, unless another one is typed."""
-        arm, start = self.content.robot, self.content.start
-        return Start(arm, read_configuration(arm, self.start_deg) if self.start_deg.strip() else start, "")
+        return Start(self.content.robot, self.content.start, "")
 
     def make_path(self, start: Start) -> Any:
         """Return the program."""
@@ -67,7 +70,15 @@ class ProgramCommand(PlanCommand):
 
         found = super().plan(start, path, law, words)
         assert isinstance(found, planners.ProgramPlan)
-        return found.schedule(self.content.events) if found.has_motion else found
+        try:
+            return found.schedule(self.content.events) if found.has_motion else found
+        except InvalidInput:
+            for i, event in enumerate(self.content.events, 1):  # name the one
+                try:
+                    found.schedule([event])
+                except InvalidInput as error:
+                    raise InvalidInput(f"{self.file}: [[event]] {i}", error.got, error.expected) from None
+            raise
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,13 +90,16 @@ class CheckProgramCommand(JsonCommand):
 
     def run(self) -> None:
         """Print the parts."""
-        from planners.program.file import find_mistakes, load_program
+        import planners
+        from planners.program.file import read_program
 
-        for mistake in (mistakes := find_mistakes(self.file, self.robot or None)):
+        content, mistakes = read_program(self.file, self.robot or None)
+        if mistakes and mistakes[0].argument == "file":
+            raise mistakes[0]
+        for mistake in mistakes:
             err_console.print(f"error: {mistake}", soft_wrap=True)
-        if mistakes:
+        if content is None:
             raise typer.Exit(2)
-        content = load_program(self.file, self.robot or None)
         rows = [_describe(item, content.robot) for item in content.program.items]
         if self.as_json:
             print_json({"robot": content.robot.name, "items": rows, "events": len(content.events)})
@@ -94,14 +108,13 @@ class CheckProgramCommand(JsonCommand):
         number = 0
         for row in rows:
             number += "motion" in row
-            cells = [
-                str(number) if "motion" in row else "",
-                row.get("name", ""),
-                row.get("motion", row.get("change", "")),
-            ]
-            table.add_row(*cells, row.get("end", ""), row.get("limits", ""))
+            shown, what = str(number) if "motion" in row else "", row.get("motion") or row.get("change", "")
+            table.add_row(shown, row.get("name", ""), what, row.get("end", ""), row.get("limits", ""))
         out_console.print(table)
-        out_console.print(f"{len(content.program.parts)} parts, {len(content.events)} events: no errors")
+        parts, events = format_count(len(content.program.parts), "part"), format_count(len(content.events), "event")
+        out_console.print(f"{parts}, {events}: no errors")
+        if content.start is None and not isinstance(content.program.parts[0].goal, planners.Path):
+            out_console.print("no start in the file: `optik plan program` needs --start-deg")
 
 
 def _describe(item: Any, arm: optik.Robot) -> dict[str, str]:

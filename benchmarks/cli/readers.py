@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 import optik
-from optik.arm.model import unit_factors, unit_names
+from optik.arm.model import check_range, unit_factors
+from optik.check import format_count
 from optik.errors import InvalidInput
 
 START_SAMPLES = 64
@@ -19,15 +20,7 @@ START_SAMPLES = 64
 
 def read_configuration(arm: optik.Robot, text: str, name: str = "--start-deg") -> Any:
     """Read a configuration given in degrees, prismatic joints in millimetres."""
-    values = read_joint_values(arm, text, name)
-    q = values / unit_factors(arm)
-    lower, upper = arm.limits.lower, arm.limits.upper
-    if not arm.limits.contains(q):
-        i = int(np.argmax(np.maximum(lower - q, q - upper)))
-        scale, unit = unit_factors(arm)[i], unit_names(arm)[i]
-        room = f"within [{lower[i] * scale:g}, {upper[i] * scale:g}]{unit}, its range"
-        raise InvalidInput(name, f"{arm.joint_names[i]} = {values[i]:g}{unit}", f"{arm.joint_names[i]} {room}")
-    return q
+    return check_range(arm, read_joint_values(arm, text, name) / unit_factors(arm), name)
 
 
 def read_joint_values(arm: optik.Robot, text: str, name: str) -> Any:
@@ -47,7 +40,7 @@ def read_numbers(text: str, name: str, *counts: int, what: str = "numbers", infi
     if not all(map(isfinite, values)) and not infinite:
         raise InvalidInput(name, repr(text), "finite numbers")
     if not values or (counts and len(values) not in counts):
-        raise InvalidInput(name, f"{text!r}, {len(values)} number{'s' * (len(values) != 1)}", expected)
+        raise InvalidInput(name, f"{text!r}, {format_count(len(values), 'number')}", expected)
     return values
 
 

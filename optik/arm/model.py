@@ -390,3 +390,14 @@ def unit_factors(arm: ArmModel) -> Array:
 def unit_names(arm: ArmModel) -> list[str]:
     """Return the units of the joints in text."""
     return [" mm" if slides else "°" for slides in arm.prismatic]
+
+
+def check_range(arm: ArmModel, q: Array, name: str) -> Array:
+    """Return joints that are inside their ranges; the error for others is in degrees, prismatic joints in millimetres."""
+    if not arm.limits.contains(q):
+        lower, upper = arm.limits.lower, arm.limits.upper
+        i = int(np.argmax(np.maximum(lower - q, q - upper)))
+        scale, unit = unit_factors(arm)[i], unit_names(arm)[i]
+        room = f"within [{lower[i] * scale:g}, {upper[i] * scale:g}]{unit}, its range"
+        raise InvalidInput(name, f"{arm.joint_names[i]} = {q[i] * scale:g}{unit}", f"{arm.joint_names[i]} {room}")
+    return q

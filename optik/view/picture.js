@@ -243,9 +243,10 @@ const Picture = (canvas, labels, data, arm, tracks) => {
   // ---- words in the picture
 
   const words = [["X", 0], ["Y", 1], ["Z", 2]].map(([text, k]) => [text, () => [0, 1, 2].map(i => (i === k ? 0.18 * reach : 0))]);
-  if (path.length) words.push(["start", () => path[0]]);
+  const closed = path.length && !data.beam && Arm.length(Arm.minus(path[0], path[path.length - 1])) < 1e-3 * reach;
+  if (path.length) words.push([closed ? "start, goal" : "start", () => path[0]]);
   if (data.beam) words.push(["laser unit", () => data.beam[0]], ["spot", () => data.beam[1]]);
-  else if (path.length) words.push(["goal", () => path[path.length - 1]]);
+  else if (path.length && !closed) words.push(["goal", () => path[path.length - 1]]);
   words.push(["tool", poses => origin(poses[arm.n + 1])]);
   if (payload) words.push([payload.words, poses => moved(poses[arm.n + 1], payload.com)]);
   const places = words.map(([text]) => {

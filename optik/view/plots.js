@@ -57,8 +57,9 @@ const Plots = (boards, joint, data, arm, tracks, player) => {
       for (const [t, v] of points) drawing.lineTo(x(t), y(v));
       drawing.stroke();
     };
+    const same = shown.every(column => column.low === shown[0].low && column.high === shown[0].high); // else a line is of one joint
     for (const column of shown) {
-      const limits = [column.low, column.high].filter(limit => limit >= low && limit <= high);
+      const limits = [column.low, column.high].filter(limit => limit >= low && limit <= high && (same || name === "clearance"));
       for (const limit of limits) stroke(column, 1, [1, 3], [[0, limit], [end, limit]]);
       for (const [key, track] of series) {
         const points = [];

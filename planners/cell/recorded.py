@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from optik.view.show import Show, Track
 from planners.cell.facts import drive_words, unread_facts
 from planners.cell.show import thin_execution
 from planners.files.base import from_plain
-from planners.motion.show import certificate_facts, motion_facts, plot_limits, sample_path, sample_track
+from planners.motion.show import sample_path, sample_track, show_motion
 from planners.paths import path_of
 from planners.plan import Plan
 
@@ -55,10 +56,15 @@ def _sample_before_failure(plan: Plan) -> tuple[Array, Array]:
         return track.t, track.q
     except NoSolution:
         pass
-    if plan.prefix is None:
+    assert plan.failure is not None
+    parts = getattr(plan, "parts", ())[: plan.failure.part]  # of a program
+    pieces = [(part.joint_path, part.joint_path.end) for part in parts]
+    if plan.prefix is not None:
+        pieces.append((plan.prefix, min(plan.prefix.end, plan.failure.s)))
+    if not pieces and not plan.path.in_joints:
         return np.zeros(0), np.zeros((0, plan.robot.n))
-    end = plan.prefix.end if plan.failure is None else min(plan.prefix.end, plan.failure.s)
-    q = np.asarray(plan.prefix(np.linspace(0.0, end, JOINT_PATH_SAMPLES) if end > 0.0 else np.zeros(1)))
+    q = np.concatenate([piece(np.linspace(0.0, end, JOINT_PATH_SAMPLES if end > 0.0 else 1)) for piece, end in pieces]
+                       or [plan.path.configurations(plan.robot, np.zeros(1))])  # fmt: skip
     steps = np.maximum(np.abs(np.diff(q, axis=0)).max(axis=1), 1e-6)
     return np.concatenate([[0.0], np.cumsum(steps) / SHOWN_SPEED]), q
 
@@ -90,11 +96,9 @@ def _show_execution(data: Mapping[str, Any]) -> Show:
     status = read_word(data.get("status", ""), "status").replace("_", " ")
     rows = [("Drive", drive_words(drive)), ("Execution", status)]
     rows += [(name.capitalize(), read_word(data[name], name)) for name in ("reason", "advice") if data.get(name)]
-    return Show(
-        motion.robot, f"{motion.robot.name}: {motion.law} on the drive {drive_words(drive)}", planned,
-        sample_path(motion.path), executed, motion.scene, plot_limits(motion.limits, motion.robot.n),
-        facts=(*motion_facts(motion), *certificate_facts(motion.certify()), *rows, *unread_facts(unread)),
-    )  # fmt: skip
+    show, title = show_motion(motion), f"{motion.robot.name}: {motion.law} on the drive {drive_words(drive)}"
+    facts = (*show.facts, *rows, *unread_facts(unread))
+    return replace(show, title=title, planned=planned, executed=executed, facts=facts)
 
 
 def _show_failed_plan(data: Mapping[str, Any]) -> Show:
@@ -105,7 +109,7 @@ def _show_failed_plan(data: Mapping[str, Any]) -> Show:
     path = path_of(data["path"], robot)
     status, reason, advice = (read_word(data[key], key) for key in ("status", "reason", "advice"))
     if not data["t"]:
-        raise NoSolution(f"the plan failed at the start of its path: {reason}", advice=advice)
+        raise NoSolution(f"a plan that failed without a configuration: {reason}", advice=advice)
     t, q = _check_table(data["t"], data["q"], robot.n, "q")
     rows = [("Plan", f"FAILED: {status.replace('_', ' ')}"), ("Reason", reason), ("Advice", advice)]
     if isinstance(data.get("s"), float | int):

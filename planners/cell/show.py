@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -18,10 +19,10 @@ from planners.following.follow import JointPath
 from planners.motion.show import (
     MOST_INSTANTS,
     certificate_facts,
-    motion_facts,
     plot_limits,
     sample_path,
     sample_track,
+    show_motion,
 )
 from planners.trajectory import Trajectory
 
@@ -50,11 +51,9 @@ def show_execution(execution: Execution) -> Show:
         planned = execution.motion
         executed, unread = thin_execution(execution.t, execution.q, execution.dq, execution.torque)
     title = f"{execution.robot.name}: {plan.law} on the drive {drive_words(execution.drive)}"
-    facts = (*motion_facts(plan.motion), *certificate_facts(plan.certificate), *execution_facts(execution, unread))
-    return Show(
-        execution.robot, title, sample_track(planned), sample_path(plan.path), executed, plan.scene,
-        plot_limits(plan.limits, plan.robot.n), facts=facts, bars=limit_bars(plan.certificate),
-    )  # fmt: skip
+    show = show_motion(plan)
+    facts = (*show.facts, *execution_facts(execution, unread))
+    return replace(show, title=title, planned=sample_track(planned), executed=executed, facts=facts)
 
 
 def show_outcome(outcome: Outcome) -> Show:

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from optik.card import Bar, Card
-from optik.check import real_array
+from optik.check import format_count, format_ratio, real_array
 from optik.errors import InvalidInput, InvalidMotion
 from optik.ik.base import Tolerance
 from optik.types import Array
@@ -240,7 +240,7 @@ class Certificate:
         for field in self.enforced:
             ratio, subject, t = self.worst(field)
             if ratio > 1.0 + RATIO_ROUNDING:
-                much = f"{ratio:.9g} of its limit" if ratio < float("inf") else "unbounded"
+                much = f"{format_ratio(ratio)} of its limit" if ratio < float("inf") else "unbounded"
                 words = f"{field} of {subject} is {much} at t = {t:.6g} s"
                 words += ", for this model of the masses" if field in LOADED else ""
                 joint = subject if subject in self.joint_names else None
@@ -289,7 +289,7 @@ def summary_lines(proof: Certificate, least: float | None = None) -> list[str]:
         status = f"certificate valid; enforced: {enforced or 'joint ranges and path only'}"
     else:
         others = len(proof.reasons) - 1
-        more = f" (and {others} more violation{'s' * (others > 1)})" if others else ""
+        more = f" (and {format_count(others, 'more violation')})" if others else ""
         status = f"certificate NOT valid: {shorten(proof.reasons[0])}{more}"
     joints = f" (slowest joint alone: {least:.3g} s)" if least else ""
     return [status, f"duration {proof.duration:.3g} s{joints}", *_limit_lines(proof), *_tool_lines(proof)]

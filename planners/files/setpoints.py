@@ -15,9 +15,12 @@ from numpy.typing import ArrayLike
 from optik.arm.robot import Robot
 from optik.check import locate_error
 from optik.errors import InvalidInput
-from optik.file_io import check_suffix, decode_text, read_bytes
+from optik.file_io import check_suffix, decode_text, parse_json, read_bytes
 from optik.tables import Names, TextTable, read_names, read_table, warn_of_assumptions
 from optik.types import Array
+from planners.files import load_motion
+from planners.files.base import CONTENT
+from planners.motion import Motion
 from planners.paths.goal import find_continuous
 from planners.ros.export import MESSAGE_SUFFIXES, JointNames, find_columns
 from planners.ros.message import POINT_FIELDS, Form, MessagePoints, from_text, read_points
@@ -53,14 +56,14 @@ def load_trajectory(
         joint by its name [rad, m], optionally ``dq_NAME`` and ``ddq_NAME`` (or ``velocity_``, ``acceleration_``). ``.json``:
         ``joint_names``, ``times`` (k,) [s], ``positions`` (k, n), optionally ``velocities``, ``accelerations``. The first time
         need not be 0. ``.json``, ``.yaml``, ``.yml``: a ``JointTrajectory`` of ROS 1 or 2, or a message that contains one.
+        Of a file that `save` wrote, the exact polynomials are read, unless one of the five last options is given.
     robot : Robot
         The arm; its joint names, or those of ``joint_names``, must be the file's, in any order.
     joint_names : mapping, optional
         From the robot's joint names to the file's.
     interpolation : {"linear", "cubic", "quintic", "spline"}, optional
-        Controller interpolation through positions, velocities and accelerations; by default the highest order of the data,
-        as in ROS 2's joint_trajectory_controller. ``"spline"`` is its ``positions_upsampling``: cubic splines through
-        positions, at rest at both ends.
+        Controller interpolation through the data; by default of their highest order, as in ROS 2's joint_trajectory_controller.
+        ``"spline"`` is its ``positions_upsampling``: cubic splines through positions, at rest at both ends.
     start : (n,) array, optional
         Configuration at 0 s [rad, m], at rest, for a message whose first point is later.
     ignore : str or sequence of str, optional
@@ -86,19 +89,52 @@ def load_trajectory(
     suffix = check_suffix(file, READ_SUFFIXES)
     if not isinstance(robot, Robot):
         raise InvalidInput("robot", repr(robot)[:60], "a Robot")
+    if all(x is None for x in (interpolation, start, ignore, unwrap, columns)) and (saved := read_saved(file)):
+        return _check_names(saved, robot, file)
     names = Form("", find_columns(robot, joint_names)).names
     try:
-        if suffix == ".csv":
-            found = _read_columns(read_table(file, columns, ignore), robot, names)
-        else:
-            data = _unwrap(from_text(decode_text(read_bytes(FilePath(file))), suffix))
-            found = read_points(data, names, read_names(ignore, "ignore"))
+        found = _read_found(FilePath(file), suffix, robot, names, columns, ignore)
         trajectory = _build(found, robot, interpolation, start, unwrap)
     except InvalidInput as error:
         own = error.argument in ("interpolation", "start", "ignore", "unwrap") or str(file) in error.argument
         raise (error if own else locate_error(file, error)) from None
     trajectory.notes = warn_of_assumptions(file, found.notes)
     return trajectory
+
+
+def _read_found(
+    file: FilePath, suffix: str, robot: Robot, names: list[str], columns: Names, ignore: Names
+) -> MessagePoints:
+    """Return the setpoints of a table or a message."""
+    if suffix == ".csv":
+        return _read_columns(read_table(file, columns, ignore), robot, names)
+    return read_points(_unwrap(from_text(decode_text(read_bytes(file)), suffix)), names, read_names(ignore, "ignore"))
+
+
+def read_saved(file: str | os.PathLike[str], *, exact: bool = True) -> Motion | None:
+    """Return the motion of a file that `save` wrote; None for other files, and if `exact`, for points at a rate.
+
+    Joints rounded to 16 digits give a piece of 1 ms a jerk that is off by 1e-5 rad/s³: the polynomials of the file are exact.
+    """
+    content, suffix = read_bytes(FilePath(file)), FilePath(file).suffix.lower()
+    if suffix == ".csv":
+        saved = content.startswith(b"# format") and not (exact and b"\n# rate: " in content)
+        return load_motion(file) if saved else None
+    data = parse_json(decode_text(content, str(file)), str(file)) if suffix == ".json" else None
+    found = data.get("format") if isinstance(data, dict) else None
+    if isinstance(found, str) and found.startswith("optik-") and found != CONTENT:
+        advice = f"optik view {file} shows an execution or a failed plan"
+        raise InvalidInput(
+            f"{file}: format", repr(found)[:60], "setpoints, a message, or a saved motion", advice=advice
+        )
+    return load_motion(file) if found == CONTENT else None
+
+
+def _check_names(saved: Motion, robot: Robot, file: str | os.PathLike[str]) -> Trajectory:
+    """Return the trajectory of a saved motion whose joints are those of an arm."""
+    if saved.robot.joint_names != robot.joint_names:
+        raise InvalidInput(f"{file}: joint_names", ", ".join(saved.robot.joint_names), f"those of {robot.name}")
+    return saved.trajectory
 
 
 def _unwrap(data: Any) -> Any:

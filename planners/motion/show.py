@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from optik.arm.robot import Robot
+from optik.check import format_count
 from optik.scene import Scene
 from optik.types import Array
 from optik.view.show import Show, Track
@@ -132,10 +133,18 @@ def _program_facts(motion: Motion) -> tuple[tuple[str, str], ...]:
     if not isinstance(motion.path, ProgramPath):
         return ()
     path = motion.path
-    stops = ", ".join(f"{time.rest:.3f} s" for time in find_stops(path, motion.trajectory, motion.span)[:-1])
-    rows = [
-        ("Program", f"{path.segments} parts, {len(path.sections)} sections{f'; stops at {stops}' if stops else ''}")
-    ]
+    which = path.find_sections((0.0, path.end) if motion.span is None else motion.span)
+    times = find_stops(path, motion.trajectory, motion.span)[:-1]
+    stops = ", ".join(f"{time.rest:.3f} s" for time in times)
+    size = f"{format_count(path.segments, 'part')}, {format_count(len(path.sections), 'section')}"
+    rows = [("Program", f"{size}{f'; stops at {stops}' if stops else ''}")]
+    for i, time in zip(which, times, strict=False):
+        one, two = path.robots[i : i + 2]
+        words = [f"wait of {time.end - time.rest:.4g} s"] if time.end > time.rest else []
+        words += [f"payload {two.payload or 'none'}"] if str(two.payload) != str(one.payload) else []
+        centre = ", ".join(f"{1e3 * x:.4g}" for x in two.tool[:3, 3])
+        words += [f"tool at ({centre}) mm in the last link"] if (two.tool != one.tool).any() else []
+        rows += [(f"At {time.rest:.3f} s", ", ".join(words))] if words else []
     rows += [("Event", f"{event.signal} = {event.value} at {event.t:.4f} s") for event in motion.events[:MOST_EVENTS]]
     more = len(motion.events) - MOST_EVENTS
     return (*rows, *([("Event", f"and {more} more")] if more > 0 else []))

@@ -199,6 +199,11 @@ class Plan:
         return self._certificate
 
     @property
+    def duration(self) -> float:
+        """Duration of the motion [s], with the waits of a program; raises `NoSolution` if there is no motion."""
+        return self.trajectory.duration
+
+    @property
     def least_duration(self) -> float | None:
         """Least duration [s] of a joint move on any path: that of its slowest joint alone; None for other motions."""
         if not self.path.in_joints or not self.has_motion or self.span is not None or self.before is not None:

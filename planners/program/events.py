@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -122,15 +123,16 @@ class TimedEvent:
 Scheduled = PathEvent | PeriodicEvent | TimedEvent
 
 
-def find_part(parts: tuple[Any, ...], which: int | str) -> int:
-    """Return the number of a part by its number or name."""
+def find_part(parts: Sequence[Any], which: Any, first: int = 0) -> int:
+    """Return the number of a part, from 0, by its name or its number, which counts from `first`."""
     names = [part.name for part in parts]
     if isinstance(which, str) and which in names:
         return names.index(which)
-    if isinstance(which, int) and not isinstance(which, bool) and 0 <= which < len(parts):
-        return which
+    if isinstance(which, int) and not isinstance(which, bool) and 0 <= which - first < len(parts):
+        return which - first
     known = ", ".join(repr(name) for name in names if name is not None)
-    raise InvalidInput("part", repr(which)[:60], f"0 to {len(parts) - 1}{f', or {known}' if known else ''}"[:200])
+    numbers = f"{first} to {len(parts) - 1 + first}"
+    raise InvalidInput("part", repr(which)[:60], f"{numbers}{f', or {known}' if known else ''}"[:200])
 
 
 def list_places(

@@ -1,59 +1,29 @@
 """Programs in TOML, in millimetres, degrees and seconds, as their keys say.
 
-robot = "ur5e"                            # optional: a name, or a file below this one's folder
-start = "home"                            # optional: a configuration
-
+robot = "ur5e"                            # a name, or a file below this one's folder
+start = "home"                            # a configuration, or joints
 [configurations]
 home = [0, -90, 90, -90, -90, 0]          # degrees; millimetres for joints that slide
-
 [frames.fixture]
 xyz_mm = [400, 0, 20]
-rpy_deg = [0, 0, 90]                      # optional: roll, pitch and yaw
-frame = "cell"                            # optional: the frame in which it is given, by default the base
-
+frame = "cell"                            # the frame in which it is given, by default the base
 [[part]]
-name = "above"                            # optional
 pose = { frame = "fixture", xyz_mm = [0, 0, 100], rpy_deg = [180, 0, 0] }
-move = "joint"                            # optional: line (default), joint, or arc with via_mm = [x, y, z]
-blend_mm = 20                             # optional, as blend_rotation_deg: 0 is a stop
-
+move = "joint"                            # or line (default), or arc with via_mm
+blend_mm = 20
 [[part]]
-start_of = "bead"                         # where another part with a file begins
-offset_mm = [0, 0, -50]                   # optional, in the frame of the tool
-
-[[part]]
-vector_mm = [0, 0, 50]                    # in the frame "tool" (default) or "base"
-tool_speed_mm_s = 100                     # optional, as rotation_speed_deg_s
-
-[[part]]
-name = "bead"
-polyline = "bead.csv"                     # or spline; a table below this file's folder
-frame = "fixture"                         # optional: of the table
-within_mm = 0.5                           # optional: of a polyline's inner corners, or of a spline's points
-blend_mm = 2
-
-[[part]]
-configuration = "home"                    # or joints = [...]
-avoid = true                              # optional: a way around the obstacles of the scene
-
-[[part]]
-dwell_s = 0.3
-
-[[part]]
-tool = { xyz_mm = [0, 0, 120] }           # a change of the tool, of the payload, or of both
-payload_kg = 1.5                          # 0 for none
-payload_com_mm = [0, 0, 50]               # optional
-
+payload_kg = 1.5                          # a change of the tool or of the payload; or dwell_s, a wait
 [[event]]
-part = "bead"
+part = 1                                  # its number without waits and changes of the tool, or its name
 distance_mm = -50                         # or fraction, or spacing_mm, or time_s without a part
 signal = "gun"
-value = 0                                 # optional
-before_s = 0.05                           # optional
+
+docs/programs.md lists all keys, and examples/programs has whole programs.
 """
 
 from __future__ import annotations
 
+import itertools
 import os
 from collections.abc import Mapping
 from pathlib import Path as FilePath
@@ -63,12 +33,14 @@ import numpy as np
 
 from optik import load, se3
 from optik.arm.inertia import Payload
+from optik.arm.model import check_range, unit_factors
 from optik.arm.plain import read_list, read_record, read_vector, read_word
 from optik.arm.robot import Robot
-from optik.check import check_flag, check_number
+from optik.check import check_flag, check_number, locate_error
 from optik.errors import InvalidInput, OptikError
 from optik.file_io import decode_text, parse_toml, read_bytes
 from optik.plugins.files import is_path
+from optik.plugins.options import find_nearest_name
 from optik.tables import read_table
 from optik.types import Array
 from planners.paths.arc import Arc
@@ -76,8 +48,8 @@ from planners.paths.base import Path
 from planners.paths.polyline import Polyline
 from planners.paths.spline import Spline
 from planners.paths.waypoints import read_waypoints
-from planners.program.events import PathEvent, PeriodicEvent, Scheduled, TimedEvent
-from planners.program.parts import KEEP, Dwell, Item, Move, Part, Program, ToolChange, displace
+from planners.program.events import MOST_EVENTS, PASSED, PathEvent, PeriodicEvent, Scheduled, TimedEvent, find_part
+from planners.program.parts import KEEP, Dwell, Item, Move, Part, Program, ToolChange, displace, find_path
 
 FILE_KEYS = ("robot", "start", "configurations", "frames", "part", "event")
 """Keys of a file."""
@@ -94,8 +66,15 @@ PART_KEYS = ("name", "blend_mm", "blend_rotation_deg", "tool_speed_mm_s", "rotat
 """Further keys of every part with a goal."""
 CHANGE_KEYS = ("tool", "payload_kg", "payload_com_mm")
 """Keys of a change of the tool."""
+ALL_KEYS = (*GOALS, "dwell_s", *CHANGE_KEYS, *PART_KEYS, *itertools.chain(*MOVE_KEYS.values()))
+"""All keys of parts."""
 EVENT_KEYS = ("part", "distance_mm", "fraction", "spacing_mm", "time_s", "signal", "value", "before_s")
 """Keys of an event."""
+UNITS = {"_mm_s": (1e-3, "mm/s"), "_deg_s": (np.pi / 180.0, "°/s"), "_mm": (1e-3, "mm"), "_deg": (np.pi / 180.0, "°"),
+         "_kg": (1.0, "kg"), "_s": (1.0, "s")}  # fmt: skip
+"""Factors to SI units, and units, by the ends of keys."""
+ABOVE_ZERO = ("blend_rotation_deg", "tool_speed_mm_s", "rotation_speed_deg_s", "within_mm", "spacing_mm")
+"""Keys of numbers above 0; all others but the distance of an event are at least 0."""
 WITHIN = {"polyline": (1e-3, 1e-2), "spline": (1e-4, 1e-3)}
 """Tolerances of the paths of tables [m, rad], by default."""
 ARM_SUFFIXES = (".toml", ".json", ".urdf")
@@ -113,7 +92,9 @@ class ProgramFile(NamedTuple):
     events: tuple[Scheduled, ...]
 
 
-def load_program(file: str | os.PathLike[str], robot: Robot | str | None = None) -> ProgramFile:
+def load_program(
+    file: str | os.PathLike[str], robot: Robot | str | None = None, start: Array | None = None
+) -> ProgramFile:
     """Read a program from a TOML file.
 
     Parameters
@@ -122,21 +103,22 @@ def load_program(file: str | os.PathLike[str], robot: Robot | str | None = None)
         The file; docs/programs.md lists its keys. Files that it names are below its folder.
     robot : Robot or str, optional
         The arm, instead of the one that the file names.
+    start : (n,) array, optional
+        The start [rad, m], instead of the file's.
 
     Returns
     -------
     ProgramFile
-        With ``robot``, ``start`` (None if the file has none), ``program`` and ``events``.
+        With ``robot``, ``start`` (None if there is none), ``program`` and ``events``.
 
     Raises
     ------
     InvalidInput
         A mistake, in one line: the part, the key, and what is allowed. No code is run from the file.
     """
-    reader = _Reader(file)
-    content = reader.read(reader.find_robot() if robot is None else robot)
-    if content is None or reader.mistakes:
-        raise reader.mistakes[0]
+    content, mistakes = read_program(file, robot, start)
+    if content is None:
+        raise mistakes[0]
     return content
 
 
@@ -145,46 +127,61 @@ def find_robot(file: str | os.PathLike[str]) -> str:
     return _Reader(file).find_robot()
 
 
-def find_mistakes(file: str | os.PathLike[str], robot: Robot | str | None = None) -> list[InvalidInput]:
-    """Return the mistakes of a file: the first one of each part and event, in their order."""
+def read_program(
+    file: str | os.PathLike[str], robot: Robot | str | None = None, start: Array | None = None
+) -> tuple[ProgramFile | None, list[InvalidInput]]:
+    """Return the content of a file, and its mistakes: the first one of each part and event. With mistakes it has none."""
     try:
         reader = _Reader(file)
-        reader.read(reader.find_robot() if robot is None else robot)
+        return reader.read(reader.find_robot() if robot is None else robot, start), reader.mistakes
     except InvalidInput as error:
-        return [error]
-    return reader.mistakes
+        return None, [error]
 
 
 class _Reader:
-    """Reads the parts of a file one after another; `where` names the one that is read, `mistakes` are those found."""
+    """Reads the parts of a file one after another; `where` names the one that is read, `mistakes` are those found.
+
+    `paths` are the moves that were read, with their paths in space where these are known.
+    """
 
     def __init__(self, file: str | os.PathLike[str]) -> None:
         self.file, self.where, self.mistakes = FilePath(file), "", list[InvalidInput]()
+        self.paths = list[tuple[Part, Path | None]]()
         content = decode_text(read_bytes(self.file, most=MOST_PROGRAM_BYTES), str(file))
         self.data = read_record(parse_toml(content, str(file)), (), f"{file}: keys", optional=FILE_KEYS)
 
-    def read(self, robot: Robot | str) -> ProgramFile | None:
-        """Return the content; None without a program."""
+    def read(self, robot: Robot | str, start: Array | None) -> ProgramFile | None:
+        """Return the content; None with mistakes."""
         try:
             arm = robot if isinstance(robot, Robot) else load(read_word(robot, "robot"))
-            start = self.data.get("start")
-            begin = None if start is None else self._read_start(arm, start)
+            given, begin = self.data.get("start"), None if start is None else arm.configuration(start, "start")
+            if begin is None and given is not None:
+                read = self._read_configuration if isinstance(given, str) else self._read_joints
+                begin = read(arm, given, "start")
             items = self._read_items(arm, begin)
             events = self._read_events()
             self.where = ""
+            if not self.paths and not self.mistakes:
+                raise InvalidInput("[[part]]", "none", f"at least one with a goal: {', '.join(GOALS)}")
             return None if self.mistakes else ProgramFile(arm, begin, Program(items), events)
         except OptikError as error:
             self._note(error)
             return None
 
     def _note(self, error: OptikError) -> None:
-        """Add a mistake, with the file and the place in it."""
+        """Add a mistake, with the file and the place in it, once."""
         place = f"{self.file}{f': {self.where}' if self.where else ''}"
         if isinstance(error, InvalidInput):
-            named = InvalidInput(f"{place}: {error.argument}", error.got, error.expected, advice=error.advice)
+            named = locate_error(place, error)
         else:
             named = InvalidInput(place, str(error), "a program")
-        self.mistakes.append(named)
+        if str(named) not in map(str, self.mistakes):  # of a frame or a table that several parts have
+            self.mistakes.append(named)
+
+    def _enter(self, kind: str, i: int, row: Any) -> None:
+        """Go to a table of the file."""
+        name = row.get("name") if isinstance(row, Mapping) else None
+        self.where = f"[[{kind}]] {i + 1}{f' {name!r}' if isinstance(name, str) else ''}"
 
     def find_robot(self) -> str:
         """Return the name or the path of the arm; reading it runs no code."""
@@ -200,7 +197,7 @@ class _Reader:
                 raise InvalidInput("robot", repr(word)[:80], expected)
             return str(self._below(word, "robot"))
         except InvalidInput as error:
-            raise InvalidInput(f"{self.file}: {error.argument}", error.got, error.expected) from None
+            raise locate_error(self.file, error) from None
 
     # ------------------------------------------------------------ values
 
@@ -217,36 +214,42 @@ class _Reader:
         return found
 
     def _read_joints(self, arm: Robot, value: Any, key: str) -> Array:
-        factors = np.where(arm.prismatic, 1e-3, np.pi / 180.0)
-        return np.asarray(read_vector(value, key, arm.n) * factors)
+        """Return joints inside their ranges."""
+        return check_range(arm, read_vector(value, key, arm.n) / unit_factors(arm), key)
 
-    def _read_start(self, arm: Robot, value: Any) -> Array:
-        return (
-            self._read_configuration(arm, value) if isinstance(value, str) else self._read_joints(arm, value, "start")
-        )
-
-    def _read_configuration(self, arm: Robot, name: Any) -> Array:
+    def _read_configuration(self, arm: Robot, name: Any, key: str) -> Array:
         known = self.data.get("configurations", {})
-        if not isinstance(known, Mapping) or name not in known:
-            raise InvalidInput("configuration", repr(name)[:60], f"one of: {', '.join(known) or 'none in the file'}")
+        if not isinstance(known, Mapping) or not isinstance(name, str) or name not in known:
+            raise _unknown(key, name, known)
         return self._read_joints(arm, known[name], f"configurations.{name}")
 
-    def _read_pose(self, data: Any, key: str, seen: tuple[str, ...] = ()) -> Array:
+    def _read_pose(self, data: Any, key: str, seen: tuple[str, ...] = (), keys: tuple[str, ...] = POSE_KEYS) -> Array:
         """Return a pose in the base, from the frame that it names."""
-        read_record(data, (), key, optional=POSE_KEYS)
+        read_record(data, (), key, optional=keys)
         xyz = read_vector(data.get("xyz_mm", [0.0, 0.0, 0.0]), f"{key}.xyz_mm") * 1e-3
         pose = se3.from_xyz_rpy(xyz, read_vector(data.get("rpy_deg", [0.0, 0.0, 0.0]), f"{key}.rpy_deg"))
         return np.asarray(self._read_frame(data["frame"], f"{key}.frame", seen) @ pose if "frame" in data else pose)
 
     def _read_frame(self, name: Any, key: str, seen: tuple[str, ...] = ()) -> Array:
         frames = self.data.get("frames", {})
-        if not isinstance(frames, Mapping) or name not in frames or name in seen:
-            known = ", ".join(frame for frame in frames if frame not in seen) or "none in the file"
-            raise InvalidInput(key, repr(name)[:60], f"one of: {known}")
-        return self._read_pose(frames[name], f"frames.{name}", (*seen, name))
+        if not isinstance(frames, Mapping) or not isinstance(name, str) or name not in frames:
+            raise _unknown(key, name, frames)
+        if name in seen:
+            raise InvalidInput(key, f"the cycle {' -> '.join((*seen, name))}", "a frame that does not refer to itself")
+        here, self.where = self.where, ""  # a mistake in it is the frame's, not the part's
+        pose = self._read_pose(frames[name], f"frames.{name}", (*seen, name))
+        self.where = here
+        return pose
 
-    def _number(self, row: Mapping[str, Any], key: str, scale: float) -> float | None:
-        return None if key not in row else check_number(row[key], key, "a finite number") * scale
+    def _number(self, row: Mapping[str, Any], key: str) -> float | None:
+        """Return a number in SI units, or None."""
+        if key not in row:
+            return None
+        factor, unit = next(unit for end, unit in UNITS.items() if key.endswith(end))
+        above = 0.0 if key in ABOVE_ZERO else None
+        least = 0.0 if above is None and key != "distance_mm" else None
+        words = " above 0" if above is not None else " of at least 0" if least is not None else ""
+        return factor * check_number(row[key], key, f"a number{words} [{unit}]", above=above, least=least)
 
     # ------------------------------------------------------------ parts
 
@@ -255,11 +258,11 @@ class _Reader:
         rows, items, robot = self._rows("part"), list[Item](), arm
         pose = None if start is None else robot.fk(start)
         for i, row in enumerate(rows):
-            named = isinstance(row, Mapping) and isinstance(row.get("name"), str)
-            self.where = f"[[part]] {i + 1}{' ' + repr(row['name']) if named else ''}"
+            self._enter("part", i, row)
             try:
                 item = self._read_item(robot, row, pose, rows)
                 changed = item.apply(robot) if isinstance(item, ToolChange) else robot
+                self._check_zone(row, [after for after in rows[i + 1 : i + 2] if isinstance(after, Mapping)])
             except OptikError as error:
                 self._note(error)
                 continue
@@ -268,48 +271,65 @@ class _Reader:
                 pose = None if pose is None else pose @ se3.inverse(robot.tool) @ changed.tool
                 robot = changed
             elif isinstance(item, Part):
+                self.paths.append((item, find_path(item, pose)))
                 pose = _end_of(item, robot, pose)
         return items
+
+    @staticmethod
+    def _check_zone(row: Mapping[str, Any], after: list[Any]) -> None:
+        """Raise InvalidInput for a zone at a stop."""
+        if row.get("blend_mm") and (not after or {"dwell_s", *CHANGE_KEYS} & set(after[0])):
+            where = "before a wait or a change of the tool" if after else "at the last part"
+            raise InvalidInput("blend_mm", f"{row['blend_mm']!r} {where}", "0, or none: the arm stops there")
+        if "blend_rotation_deg" in row and not row.get("blend_mm"):
+            raise InvalidInput("blend_rotation_deg", f"{row['blend_rotation_deg']!r} without blend_mm", "blend_mm, too")
 
     def _read_item(self, robot: Robot, row: Any, pose: Array | None, rows: list[Any]) -> Item:
         if not isinstance(row, Mapping):
             raise InvalidInput("part", repr(row)[:60], "a table")
         if "dwell_s" in row:
             read_record(row, ("dwell_s",), "keys")
-            return Dwell(check_number(row["dwell_s"], "dwell_s", "seconds, at least 0", least=0.0))
+            return Dwell(self._number(row, "dwell_s") or 0.0)
         if any(key in row for key in CHANGE_KEYS):
-            return self._read_change(row)
+            return self._read_change(robot, row)
         goals = [key for key in GOALS if key in row]
         if len(goals) != 1:
             got = " and ".join(goals) if goals else f"none among the keys {', '.join(row) or 'of an empty table'}"
-            raise InvalidInput("goal", got, f"one of: {', '.join(GOALS)}; or dwell_s, or {', '.join(CHANGE_KEYS)}")
+            expected = f"one of: {', '.join(GOALS)}; or dwell_s, or {', '.join(CHANGE_KEYS)}"
+            near = next((near for key in row if key != (near := find_nearest_name(key, ALL_KEYS)) and near), "")
+            raise InvalidInput("goal", got, expected, advice=f"did you mean {near}?" if near else "")
         read_record(row, tuple(goals), "keys", optional=(*MOVE_KEYS.get(goals[0], ()), *PART_KEYS))
-        goal, move = self._read_goal(robot, goals[0], row, pose, rows), row.get("move")
+        move = row.get("move")
+        if move not in (None, "line", "joint", "arc"):
+            raise InvalidInput("move", repr(move)[:60], '"line", "joint" or "arc"')
+        goal = self._read_goal(robot, goals[0], row, pose, rows)
         return Part(
-            goal, None if isinstance(goal, Path) else move, row.get("name"), self._number(row, "blend_mm", 1e-3) or 0.0,
-            self._number(row, "blend_rotation_deg", np.pi / 180.0), self._number(row, "tool_speed_mm_s", 1e-3),
-            self._number(row, "rotation_speed_deg_s", np.pi / 180.0), check_flag(row.get("avoid", False), "avoid"),
+            goal, None if isinstance(goal, Path) else move, row.get("name"), self._number(row, "blend_mm") or 0.0,
+            self._number(row, "blend_rotation_deg") if row.get("blend_mm") else None, self._number(row, "tool_speed_mm_s"),
+            self._number(row, "rotation_speed_deg_s"), check_flag(row.get("avoid", False), "avoid"),
         )  # fmt: skip
 
     def _read_goal(self, robot: Robot, kind: str, row: Mapping[str, Any], pose: Array | None, rows: list[Any]) -> Any:
         if kind == "joints":
             return self._read_joints(robot, row[kind], kind)
         if kind == "configuration":
-            return self._read_configuration(robot, row[kind])
+            return self._read_configuration(robot, row[kind], kind)
         if kind == "vector_mm":
+            if not any(read_vector(row[kind], kind)):
+                raise InvalidInput(kind, row[kind], "a vector that is not 0")
             return Move(read_vector(row[kind], kind) * 1e-3, row.get("frame", "tool"))
         if kind == "start_of":
             return self._find_start(robot, row, pose, rows)
         if kind != "pose":
             return self._read_table(robot, kind, row, pose)
         goal = self._read_pose(row[kind], kind)
-        if row.get("move") != "arc" and "via_mm" in row:
-            raise InvalidInput("via_mm", "a point", 'none, or move = "arc"')
+        if (row.get("move") == "arc") != ("via_mm" in row):
+            got, expected = ("a point", 'none, or move = "arc"') if "via_mm" in row else ("none", "a point of the arc")
+            raise InvalidInput("via_mm", got, expected)
         if row.get("move") != "arc":
             return goal
-        if pose is None or "via_mm" not in row:
-            lacks = "via_mm" if pose is not None else "a start"
-            raise InvalidInput("move", f'"arc" without {lacks}', "via_mm, and a start whose pose is known")
+        if pose is None:
+            raise InvalidInput("move", '"arc" from an unknown pose', "a start in the file, or another part before it")
         frame = self._read_frame(row["pose"]["frame"], "pose.frame") if "frame" in row["pose"] else np.eye(4)
         via = frame[:3, :3] @ (read_vector(row["via_mm"], "via_mm") * 1e-3) + frame[:3, 3]
         return Arc.through(pose, via, goal)
@@ -318,67 +338,106 @@ class _Reader:
         """Return the path through the rows of a table, which are given in a frame."""
         frame = self._read_frame(row["frame"], "frame") if "frame" in row else np.eye(4)
         turned = None if pose is None else frame[:3, :3].T @ pose[:3, :3]
-        poses = frame @ read_waypoints(read_table(self._below(row[kind], kind)), turned, None, None)
         near, turn = WITHIN[kind]
-        if (given := self._number(row, "within_mm", 1e-3)) is not None:
+        if (given := self._number(row, "within_mm")) is not None:
             near, turn = given, turn * given / near
-        return (
-            Polyline(poses, blend=near, blend_rotation=turn)
-            if kind == "polyline"
-            else Spline(poses, tolerance=(near, turn))
-        )
+        try:
+            poses = frame @ read_waypoints(read_table(self._below(row[kind], kind)), turned, None, None)
+        except InvalidInput as error:
+            if error.argument == "orientation":
+                self.where, why = "", error.expected.partition("because ")[2].replace("the file", row[kind])
+                raise InvalidInput("start", "none", f"joints or a configuration, because {why}") from None
+            if error.argument != "file":
+                raise
+            raise InvalidInput(kind, error.got, error.expected) from None
+        if kind == "polyline":
+            return Polyline(poses, blend=near, blend_rotation=turn)
+        return Spline(poses, tolerance=(near, turn))
 
     def _find_start(self, robot: Robot, row: Mapping[str, Any], pose: Array | None, rows: list[Any]) -> Array:
         """Return the pose at which another part begins, moved in the frame of the tool."""
-        named = {
-            other.get("name"): other
-            for other in rows
-            if isinstance(other, Mapping) and {"polyline", "spline"} & set(other)
-        }
-        if row["start_of"] not in named or row["start_of"] is None:
-            known = ", ".join(repr(name) for name in named if name) or "none in the file"
-            raise InvalidInput("start_of", repr(row["start_of"])[:60], f"the name of a part with a table: {known}")
-        other = named[row["start_of"]]
+        tables = {"polyline", "spline"}
+        named = {other["name"]: i for i, other in enumerate(rows)
+                 if isinstance(other, Mapping) and isinstance(other.get("name"), str) and tables & set(other)}  # fmt: skip
+        name = row["start_of"]
+        if not isinstance(name, str) or name not in named:
+            raise _unknown("start_of", name, named, "the name of a part with a table")
+        here, other = self.where, rows[named[name]]
+        self._enter("part", named[name], other)  # a mistake in it is that part's
         path = self._read_table(robot, "polyline" if "polyline" in other else "spline", other, pose)
+        self.where = here
         offset = read_vector(row.get("offset_mm", [0.0, 0.0, 0.0]), "offset_mm") * 1e-3
         return np.asarray(path.pose(0.0) @ se3.pose(p=offset))
 
-    def _read_change(self, row: Mapping[str, Any]) -> ToolChange:
+    def _read_change(self, robot: Robot, row: Mapping[str, Any]) -> ToolChange:
         read_record(row, (), "keys", optional=CHANGE_KEYS)
         payload: Any = KEEP
-        if "payload_kg" in row:
-            mass = check_number(row["payload_kg"], "payload_kg", "a mass [kg], at least 0", least=0.0)
+        if (mass := self._number(row, "payload_kg")) is not None:
             com = read_vector(row.get("payload_com_mm", [0.0, 0.0, 0.0]), "payload_com_mm") * 1e-3
             payload = Payload(mass, com) if mass else None
+            if mass and robot.inertia is None:
+                raise InvalidInput("payload_kg", f"{mass:g} on {robot.name}", "an arm whose masses are known")
         elif "payload_com_mm" in row:
             raise InvalidInput("payload_com_mm", "a centre of mass without a mass", "payload_kg, too")
-        return ToolChange(tool=self._read_pose(row["tool"], "tool") if "tool" in row else KEEP, payload=payload)
+        tool = self._read_pose(row["tool"], "tool", keys=POSE_KEYS[1:]) if "tool" in row else KEEP
+        return ToolChange(tool=tool, payload=payload)
 
     # ------------------------------------------------------------ events
 
     def _read_events(self) -> tuple[Scheduled, ...]:
-        found = []
+        found, complete = [], not self.mistakes
         for i, row in enumerate(self._rows("event")):
-            self.where = f"[[event]] {i + 1}"
+            self._enter("event", i, None)
             try:
-                found.append(self._read_event(row))
+                found.append(self._read_event(row, complete))
             except OptikError as error:
                 self._note(error)
         return tuple(found)
 
-    def _read_event(self, row: Any) -> Scheduled:
+    def _read_event(self, row: Any, complete: bool) -> Scheduled:
+        """Return an event; its place is checked if all parts are known."""
         read_record(row, (), "keys", optional=EVENT_KEYS)
         places = [key for key in ("distance_mm", "fraction", "spacing_mm", "time_s") if key in row]
         if len(places) != 1 or "signal" not in row or ("part" in row) == (places == ["time_s"]):
             keys = ", ".join(row) or "no keys"
             raise InvalidInput("event", keys, "signal; and time_s, or part with distance_mm, fraction or spacing_mm")
-        signal, value, before = row["signal"], row.get("value", 1), row.get("before_s", 0.0)
+        (kind,), signal, value = places, row["signal"], row.get("value", 1)
+        given, before = None if kind == "fraction" else self._number(row, kind), self._number(row, "before_s")
+        if before is not None and kind in ("time_s", "spacing_mm"):
+            raise InvalidInput("before_s", f"{row['before_s']!r} with {kind}", "none, or distance_mm or fraction")
+        if complete and kind != "time_s":
+            self._check_place(row["part"], kind, row[kind])
         part = row["part"] - 1 if type(row.get("part")) is int else row.get("part")
-        if places == ["time_s"]:
-            return TimedEvent(row["time_s"], signal, value)
-        if places == ["spacing_mm"]:
-            return PeriodicEvent(part, self._number(row, "spacing_mm", 1e-3) or 0.0, signal, value)
-        return PathEvent(part, self._number(row, "distance_mm", 1e-3), signal, value, row.get("fraction"), before)
+        if kind == "time_s":
+            return TimedEvent(given or 0.0, signal, value)
+        if kind == "spacing_mm":
+            return PeriodicEvent(part, given or 0.0, signal, value)
+        return PathEvent(part, given, signal, value, row.get("fraction"), before or 0.0)
+
+    def _check_place(self, which: Any, key: str, value: float) -> None:
+        """Raise InvalidInput for a place that is not on its part, as far as that is known before planning."""
+        part, path = self.paths[find_part([part for part, _ in self.paths], which, 1)]
+        if key == "fraction":
+            return
+        in_joints = not part.is_cartesian or part.avoid
+        if in_joints or (path is not None and path.unit != "m"):
+            what = "is in joint space" if in_joints else "only turns the tool"
+            raise InvalidInput(key, f"{value!r} along part {which!r}, which {what}", "fraction, from 0 to 1")
+        if path is None:
+            return
+        length, least = 1e3 * path.end, 1e3 * path.end / MOST_EVENTS
+        if key == "distance_mm" and abs(value) > length * (1.0 + PASSED):
+            raise InvalidInput(key, f"{value!r}", f"at most the length of part {which!r}, {length:.6g} mm")
+        if key == "spacing_mm" and value < least:
+            raise InvalidInput(key, f"{value!r}", f"at least {least:.3g} mm along part {which!r}")
+
+
+def _unknown(key: str, name: Any, known: Any, what: str = "") -> InvalidInput:
+    """Return the error of a name that a file does not have."""
+    names = list(known) if isinstance(known, Mapping) else []
+    near = find_nearest_name(str(name), names)
+    expected = f"{what or 'one of'}: {', '.join(names) or 'none in the file'}"
+    return InvalidInput(key, repr(name)[:60], expected, advice=f"did you mean {near}?" if near else "")
 
 
 def _end_of(part: Part, robot: Robot, pose: Array | None) -> Array | None:

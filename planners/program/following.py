@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -27,9 +28,8 @@ from planners.paths.free_path import FreePath
 from planners.paths.goal import unwind
 from planners.paths.joint_curve import JointCurve
 from planners.paths.joint_line import JointLine
-from planners.paths.line import Line
 from planners.planning.result import Plan
-from planners.program.parts import Dwell, Move, Part, Program, ToolChange, displace
+from planners.program.parts import Part, Program, ToolChange, find_path
 
 MOST_SAMPLES_A_PART = 31
 """Largest number of samples of each part for the IK method."""
@@ -71,10 +71,11 @@ class Leg(NamedTuple):
 
 
 class FailedPart(NamedTuple):
-    """A part that could not be followed."""
+    """A part that could not be followed, with the joint path up to where it fails."""
 
     path: Path
     failure: PlanFailure
+    prefix: JointPath | None = None
 
 
 @dataclass(frozen=True)
@@ -88,88 +89,81 @@ class PartFollower:
 
     # ------------------------------------------------------------ following the parts
 
+    @cached_property
+    def robots(self) -> list[Robot]:
+        """The arm of each part."""
+        robots, robot = list[Robot](), self.robot
+        for item in self.program.items:
+            if isinstance(item, ToolChange):
+                robot = item.apply(robot)
+            elif isinstance(item, Part):
+                robots.append(robot)
+        return robots
+
     def follow_all(self, q: Array | None) -> tuple[list[Leg], FailedPart | None]:
         """Return the parts, followed one after another; where a part cannot be followed, those before it and the failure."""
         legs: list[Leg] = []
-        items, robot, k = self.program.items, self.robot, 0
-        while k < len(items):
-            item = items[k]
-            if isinstance(item, ToolChange):
-                robot = item.apply(robot)
-            if not isinstance(item, Part):
-                k += 1
-                continue
-            run, failed = self._follow_run(k, robot, q)
+        while len(legs) < len(self.program.parts):
+            run, failed = self._follow_run(len(legs), q)
             legs += run
             if failed is not None:
                 return legs, failed
-            q, k = run[-1].ends[1], self._index(run[-1].part) + 1
-            robot = run[-1].robot
+            q = run[-1].ends[1]
         return legs, None
 
-    def _index(self, part: int) -> int:
-        """Return the place of a part among the items."""
-        return self.program.items.index(self.program.parts[part])
-
-    def _follow_run(self, k: int, robot: Robot, q: Array | None) -> tuple[list[Leg], FailedPart | None]:
-        """Return the part at an item, and where its configuration must be chosen, the Cartesian parts behind it, too."""
-        part = self.program.items[k]
-        assert isinstance(part, Part)
+    def _follow_run(self, k: int, q: Array | None) -> tuple[list[Leg], FailedPart | None]:
+        """Return a part, and where its configuration must be chosen, the Cartesian parts behind it, too."""
+        goal = self.program.parts[k].goal
         try:
-            candidates = self._list_candidates(k, robot, q)
+            candidates = self._list_candidates(k, q)
         except NoSolution as error:
-            where = JointLine(robot, q, q) if q is not None else part.goal
-            return [], self.explain(part, where, PlanFailure.from_error(PlanStatus.UNREACHABLE, error))
+            where = JointLine(self.robots[k], q, q) if q is not None else goal
+            return [], self.explain(k, where, PlanFailure.from_error(PlanStatus.UNREACHABLE, error))
         if candidates is None:
-            leg = self._follow_part(part, robot, q, None)
+            leg = self._follow_part(k, q, None)
             return ([leg], None) if isinstance(leg, Leg) else ([], leg)
         best: tuple[tuple[int, float], list[Leg], FailedPart] | None = None
         for chosen in candidates:
-            run, failed = self._try(k, robot, q, chosen)
+            run, failed = self._try(k, q, chosen)
             if failed is None:
                 return run, None
             rank = len(run), failed.failure.s
             if best is None or rank > best[0]:
                 best = rank, run, failed
         if best is None:  # following says why
-            failure = self._follow_path(robot, part.goal, None, "best").failure
-            return [], self.explain(part, part.goal, failure)
+            followed = self._follow_path(self.robots[k], goal, None, "best")
+            return [], self.explain(k, goal, followed.failure, followed.joint_path)
         _, run, failed = best
-        return run, self._say_tried(failed, part, len(run), len(candidates))
+        return run, self._say_tried(failed, k, len(run), len(candidates))
 
-    def _try(self, k: int, robot: Robot, q: Array | None, chosen: Array) -> tuple[list[Leg], FailedPart | None]:
+    def _try(self, k: int, q: Array | None, chosen: Array) -> tuple[list[Leg], FailedPart | None]:
         """Return the run of parts that follows from a choice: it ends before joints, or before the next choice."""
         run: list[Leg] = []
-        for item in self.program.items[k:]:
-            if isinstance(item, ToolChange):
-                robot = item.apply(robot)
-            if not isinstance(item, Part):
-                continue
-            if run and (_is_choice(item) or not _is_cartesian(item)):
+        for i, part in enumerate(self.program.parts[k:], k):
+            if run and not part.is_cartesian:
                 break
-            leg = self._follow_part(item, robot, q, None if run else chosen)
+            leg = self._follow_part(i, q, None if run else chosen)
             if isinstance(leg, FailedPart):
                 return run, leg
             run.append(leg)
             q = leg.ends[1]
         return run, None
 
-    def _list_candidates(self, k: int, robot: Robot, q: Array | None) -> list[Array] | None:
+    def _list_candidates(self, k: int, q: Array | None) -> list[Array] | None:
         """Return the configurations among which a part chooses, of its start or of its goal; None if there is no choice."""
-        part = self.program.items[k]
-        assert isinstance(part, Part)
+        part, robot = self.program.parts[k], self.robots[k]
         rooms = None if self.options.scene is None else CollisionCheck(robot, self.options.scene).find_rooms
         if q is None:
             if not isinstance(part.goal, Path):
                 raise InvalidInput(
-                    "q_start", "None", f"where the arm starts: {self._label(part)} is a goal, not a path"
+                    "q_start", "None", f"where the arm starts: {self.program.label(k)} is a goal, not a path"
                 )
             own = part.goal.configurations(robot, np.zeros(1))
             return [own[0]] if own is not None else self._find_starts(robot, part.goal, None, rooms)
-        if not _is_choice(part):
+        if part.move != "joint":  # for which a configuration is chosen
             return None
-        after = next((item for item in self.program.items[k + 1 :] if not isinstance(item, Dwell)), None)
-        path = self._path_from(after, part.goal) if isinstance(after, Part) else None
+        after = [i for i in (k + 1,) if i < len(self.robots) and self.robots[i] is robot]
+        path = find_path(self.program.parts[after[0]], part.goal) if after else None
         found = [] if path is None else self._find_starts(robot, path, q, rooms)
         if found:
             return found
@@ -186,14 +180,6 @@ class PartFollower:
         followed = self._follow_path(robot, path, q, "best")
         return [] if followed.joint_path is None else [followed.joint_path.q[0]]
 
-    def _path_from(self, part: Part, pose: Array) -> Path | None:
-        """Return the Cartesian path of a part that begins at a pose; None for a part of another kind."""
-        if not _is_cartesian(part) or _is_choice(part):
-            return None
-        if isinstance(part.goal, Path):
-            return part.goal
-        return Line(pose, displace(pose, part.goal))
-
     def _follow_path(self, robot: Robot, path: Path, q: Array | None, branch: str) -> Any:
         options = self.options
         share = options.tolerance.scale(0.5 * FOLLOWED)
@@ -201,9 +187,10 @@ class PartFollower:
         solver = get_solver(robot, options.solver)
         return follow(solver, path, q, branch=branch, samples=samples, tolerance=share, scene=options.scene)
 
-    def _follow_part(self, part: Part, robot: Robot, q: Array | None, chosen: Array | None) -> Leg | FailedPart:
+    def _follow_part(self, k: int, q: Array | None, chosen: Array | None) -> Leg | FailedPart:
         """Return a part followed from a configuration; `chosen` is the one of its goal, or of its start if there is none."""
-        goal, label = part.goal, self._label(part)
+        part, robot, label = self.program.parts[k], self.robots[k], self.program.label(k)
+        goal = part.goal
         if q is None:
             q, chosen = chosen, None
         assert q is not None
@@ -214,30 +201,27 @@ class PartFollower:
                 path = JointCurve(goal.robot, goal.s, goal.q, goal.derivatives, breaks=goal.breaks)
             elif isinstance(goal, Path):
                 path = goal
-            elif isinstance(goal, Move) or goal.ndim == 2:
-                path = Line(robot.fk(q), displace(robot.fk(q), goal))
+            elif (line := find_path(part, robot.fk(q))) is not None:
+                path = line
             else:
                 end = check_start(robot, goal, "goal")
                 path = JointLine(robot, q, unwind(robot, end, q) if self.options.winding == "nearest" else end)
-            self._check_gap(part, robot, path, q)
+            self._check_gap(k, path, q)
             if part.avoid is not False or isinstance(path, FreePath):
-                return self._plan_alone(
-                    part, robot, path if chosen is None and isinstance(goal, Path) else None, q, chosen
-                )
+                return self._plan_alone(k, path if chosen is None and isinstance(goal, Path) else None, q, chosen)
             followed = self._follow_path(robot, path, None if path.in_joints else q, None)  # type: ignore[arg-type]
         except InvalidInput as error:
             if error.argument.startswith(label):
                 raise
             raise InvalidInput(f"{label}: {error.argument}", error.got, error.expected) from None
         if followed.failure is not None:
-            return self.explain(part, path, followed.failure)
-        path, joints = self._close_gap(part, robot, path, followed.joint_path, q)
-        last = joints.q[-1]
-        return Leg(self.program.parts.index(part), robot, path, joints, (q, last))
+            return self.explain(k, path, followed.failure, followed.joint_path)
+        path, joints = self._close_gap(k, path, followed.joint_path, q)
+        return Leg(k, robot, path, joints, (q, joints.q[-1]))
 
-    def _close_gap(self, part: Part, robot: Robot, path: Path, joints: JointPath, q: Array) -> tuple[Path, JointPath]:
+    def _close_gap(self, k: int, path: Path, joints: JointPath, q: Array) -> tuple[Path, JointPath]:
         """Return a followed part that begins exactly where the arm is: a gap that counts as rounding fades out along it."""
-        off = q - joints.q[0]
+        off, robot = q - joints.q[0], self.robots[k]
         far = float(np.abs(off).max())
         if far <= (0.0 if path.in_joints else NO_GAP):
             return path, joints
@@ -248,58 +232,53 @@ class PartFollower:
             closed = JointCurve(robot, joints.nodes, nodes[:, 0], nodes[:, 1:])
             moved = np.abs(robot.pose_errors(nodes[:, 0], path(joints.nodes))).max(axis=0)
             if not path.in_joints and (moved > MOST_MOVED * GAP).any():
-                got = f"one that begins {far:.3g} (rad, m) from the joints at {self._before(part)}: the arm is nearly singular"
-                raise InvalidInput(self._label(part), got, "a path that begins there")
+                got = f"one that begins {far:.3g} (rad, m) from the joints at {self._before(k)}: the arm is nearly singular"
+                raise InvalidInput(self.program.label(k), got, "a path that begins there")
         followed = self._follow_path(robot, closed, None, None)  # type: ignore[arg-type]
         return (path, joints) if followed.failure is not None else (closed, followed.joint_path)
 
-    def _before(self, part: Part) -> str:
+    def _before(self, k: int) -> str:
         """Return words for where a part begins."""
-        index = self.program.parts.index(part)
-        return f"the end of {self.program.label(index - 1)}" if index else "q_start"
+        return f"the end of {self.program.label(k - 1)}" if k else "q_start"
 
-    def _plan_alone(
-        self, part: Part, robot: Robot, path: Path | None, q: Array, chosen: Array | None
-    ) -> Leg | FailedPart:
+    def _plan_alone(self, k: int, path: Path | None, q: Array, chosen: Array | None) -> Leg | FailedPart:
         """Return a part whose path is chosen by its own plan: with freedoms, or around obstacles."""
+        part, robot, tolerance = self.program.parts[k], self.robots[k], self.options.tolerance
         goal = path if path is not None else part.goal if chosen is None else chosen
-        found = self.alone(
-            robot, goal, q, limits=self.find_limits(part), avoid=part.avoid, tolerance=self.options.tolerance
-        )
+        found = self.alone(robot, goal, q, limits=self.find_limits(part), avoid=part.avoid, tolerance=tolerance)
         if not found:
             assert found.failure is not None
-            return self.explain(part, found.path, found.failure)
-        return Leg(self.program.parts.index(part), robot, found.path, found.joint_path, (q, found.goal), found)
+            return self.explain(k, found.path, found.failure, found.prefix)
+        return Leg(k, robot, found.path, found.joint_path, (q, found.goal), found)
 
-    def _check_gap(self, part: Part, robot: Robot, path: Path, q: Array) -> None:
+    def _check_gap(self, k: int, path: Path, q: Array) -> None:
         """Raise InvalidInput if a path does not begin where the arm is."""
+        robot = self.robots[k]
         own = path.configurations(robot, np.zeros(1))
         off = robot.pose_errors(q, path.pose(0.0)) if own is None else own[0] - q
         if np.abs(off).max() <= GAP:
             return
         far = f"{1e3 * np.linalg.norm(off[:3]):.3g} mm and {np.degrees(np.linalg.norm(off[3:])):.3g}°"
         far = far if own is None else f"{np.abs(off).max():.3g} (rad, m)"
-        got = f"a path that begins {far} from {self._before(part)}"
-        raise InvalidInput(self._label(part), got, "a path that begins there")
+        got = f"a path that begins {far} from {self._before(k)}"
+        raise InvalidInput(self.program.label(k), got, "a path that begins there")
 
     # ------------------------------------------------------------ words
 
-    def _label(self, part: Part) -> str:
-        return self.program.label(self.program.parts.index(part))
-
-    def explain(self, part: Part, path: Path, failure: PlanFailure) -> FailedPart:
+    def explain(self, k: int, path: Path, failure: PlanFailure, prefix: JointPath | None = None) -> FailedPart:
         """Return the failure of a part, which names it."""
-        reason = f"{self._label(part)} ({path.name.replace('_', ' ')}): {failure.reason}"
+        reason = f"{self.program.label(k)} ({path.name.replace('_', ' ')}): {failure.reason}"
         advice = ADVICE if "branch=" in failure.advice or not failure.advice else failure.advice
-        return FailedPart(path, replace(failure, reason=reason, advice=advice, part=self.program.parts.index(part)))
+        return FailedPart(path, replace(failure, reason=reason, advice=advice, part=k), prefix)
 
-    def _say_tried(self, failed: FailedPart, part: Part, followed: int, count: int) -> FailedPart:
+    def _say_tried(self, failed: FailedPart, k: int, followed: int, count: int) -> FailedPart:
         """Return a failure with the number of configurations that were tried."""
-        if count == 1:
+        if count == 1 or failed.failure.status == PlanStatus.NO_LENGTH:  # which no configuration changes
             return failed
-        first = self.program.parts.index(part)
-        what = f"parts {first + 1} to {first + followed + 1}" if followed else "it"
-        where = "of its start" if followed == 0 and not _is_choice(part) else f"at {self._label(part)}"
+        what = f"parts {k + 1} to {k + followed + 1}" if followed else "it"
+        where = (
+            "of its start" if followed == 0 and self.program.parts[k].move != "joint" else f"at {self.program.label(k)}"
+        )
         words = f"{failed.failure.reason}; none of the {count} configurations {where} follows {what}"
         return failed._replace(failure=replace(failed.failure, reason=words))
 
@@ -321,15 +300,3 @@ def fade_out(s: Array) -> Array:
         1.0 - u**4 * (35.0 - 84.0 * u + 70.0 * u**2 - 20.0 * u**3), -140.0 * (u * v) ** 3 / length,
         -420.0 * (u * v) ** 2 * (1.0 - 2.0 * u) / length**2, -840.0 * u * v * (1.0 - 5.0 * u * v) / length**3,
     ], axis=1)  # fmt: skip
-
-
-def _is_choice(part: Part) -> bool:
-    """Return whether a part moves the joints to a pose, for which a configuration is chosen."""
-    return part.move == "joint"
-
-
-def _is_cartesian(part: Part) -> bool:
-    """Return whether a part moves the tool along a path in space."""
-    if isinstance(part.goal, Path):
-        return not part.goal.in_joints
-    return isinstance(part.goal, Move) or (part.goal.ndim == 2 and part.move != "joint")

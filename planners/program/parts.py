@@ -19,6 +19,7 @@ from optik.se3 import check_pose, nearest_pose
 from optik.types import Array
 from planners.choice.first_paths import check_avoid
 from planners.paths.base import Path
+from planners.paths.line import Line
 from planners.paths.polyline import Polyline, find_reversals
 from planners.paths.program import ProgramPath
 from planners.search.base import SearchLike
@@ -118,6 +119,14 @@ class Part:
         check_avoid(self.avoid)
         if self.avoid is not False and isinstance(self.goal, Move):
             raise InvalidInput("avoid", repr(self.avoid)[:60], "False for a Move, which is a straight line")
+
+    @property
+    def is_cartesian(self) -> bool:
+        """Whether it moves the tool along a path in space."""
+        goal = self.goal
+        if isinstance(goal, Path):
+            return not goal.in_joints
+        return isinstance(goal, Move) or (goal.ndim == 2 and self.move != "joint")
 
     @property
     def zone(self) -> Array:
@@ -281,6 +290,17 @@ def displace(pose: Array, goal: Any) -> Array:
     moved, vector = pose.copy(), np.asarray(goal.vector)
     moved[:3, 3] += pose[:3, :3] @ vector if goal.frame == "tool" else vector
     return nearest_pose(moved)
+
+
+def find_path(part: Part, pose: Array | None) -> Path | None:
+    """Return the path in space of a part that begins at a pose; None for a part in joint space, or if it is not known."""
+    if not part.is_cartesian:
+        return None
+    if isinstance(part.goal, Path):
+        return part.goal
+    if isinstance(part.goal, Move) and pose is None:
+        pose = np.eye(4)  # its length is known
+    return None if pose is None else Line(pose, displace(pose, part.goal))
 
 
 def _read_finite(value: Any, shape: tuple[int, ...], argument: str, expected: str) -> Array:

@@ -73,10 +73,11 @@ class ProgramPlanner:
         """Return the plan without a motion."""
         why = failed.failure
         solver, law = self._names(sections)
-        parts = tuple(PartRecord(self.program.parts[leg.part].name, leg.path, -1, 0.0, 0.0) for leg in legs)
+        names = [part.name for part in self.program.parts]
+        parts = tuple(PartRecord(names[leg.part], leg.path, -1, 0.0, 0.0, leg.joint_path) for leg in legs)
         return ProgramPlan(
-            self.follower.robot, failed.path, self.options.limits, PlanStatus(why.status), solver, law, None, why, None, None,
-            scene=self.options.scene, sections=tuple(sections), parts=parts,
+            self.follower.robot, failed.path, self.options.limits, PlanStatus(why.status), solver, law, failed.prefix, why,
+            None, None, scene=self.options.scene, sections=tuple(sections), parts=parts, size=len(names),
         )  # fmt: skip
 
     def _names(self, sections: Sequence[Plan]) -> tuple[str, str]:
@@ -144,7 +145,7 @@ class ProgramPlanner:
                     assert plan.failure is not None
                     again = a + 1 + self._nearest_corner(plan.failure, places) if len(own) > 1 else -1
                     if again < 0:
-                        yield self.follower.explain(self.program.parts[legs[own[0]].part], plan.path, plan.failure)
+                        yield self.follower.explain(legs[own[0]].part, plan.path, plan.failure, plan.prefix)
                         return
                     ended = "in contact" if plan.status is PlanStatus.CONTACT else str(plan.status).replace("_", " ")
                     reasons[again] = f"the motion with a wider corner is {ended}"

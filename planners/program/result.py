@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import scipy
 
-from optik.check import check_number
+from optik.check import check_number, format_count
 from optik.errors import InvalidInput
 from planners.certificate.sections import SectionTimes, find_stops, merge_certificates
 from planners.following.joint_path import JointPath
@@ -99,6 +99,8 @@ class ProgramPlan(Plan):
         What `schedule` was given.
     period : float or None
         The servo period of `schedule` [s].
+    size : int
+        On failure, the number of all parts of the program.
     """
 
     sections: tuple[Plan, ...] = ()
@@ -107,6 +109,7 @@ class ProgramPlan(Plan):
     corners: tuple[Corner, ...] = ()
     scheduled: tuple[Scheduled, ...] = ()
     period: float | None = None
+    size: int = 0
 
     def schedule(self, events: Iterable[Scheduled], *, period: float | None = None) -> ProgramPlan:
         """Return the plan with events, whose times are in `events`. They are computed from this plan's motion.
@@ -133,16 +136,20 @@ class ProgramPlan(Plan):
         NoSolution
             The plan failed: there is no motion.
         """
+        expected = "a list of PathEvent, PeriodicEvent and TimedEvent"
+        if not isinstance(events, Iterable):
+            raise InvalidInput("events", repr(events)[:120], expected)
         given = tuple(events)
         for event in given:
             if not isinstance(event, PathEvent | PeriodicEvent | TimedEvent):
-                raise InvalidInput("events", repr(event)[:60], "PathEvent, PeriodicEvent and TimedEvent")
+                raise InvalidInput("events", repr(event)[:60], expected)
+        self._require_motion()
         if period is not None:
             check_number(period, "period", "a servo period above 0 [s]", above=0.0)
         found = replace(self, scheduled=given, period=period)
         for one in found._list_events():
             if not 0.0 <= one.t <= self.duration:
-                allowed = f"times in [0, {self.duration:.6g}]"
+                allowed = f"times in [0, {self.duration:.6g}] s"
                 raise InvalidInput("events", f"{one.signal!r} at t = {one.t:.6g} s", allowed)
         return found
 
@@ -175,14 +182,11 @@ class ProgramPlan(Plan):
 
     @property
     def _title(self) -> str:
-        parts, sections = len(self.parts), len(self.sections)
-        stops = "without a stop" if sections == 1 else f"in {sections} sections"
-        return f"{self.robot.name}, program of {parts} part{'s' * (parts != 1)} {stops}, {self.solver} + {self.law}"
-
-    @property
-    def duration(self) -> float:
-        """Duration of the whole motion [s], waits included."""
-        return self.trajectory.duration
+        words = f"{self.robot.name}, program of {format_count(self.size or len(self.parts), 'part')}"
+        if not self.has_motion:
+            return f"{words}, {self.solver}"
+        stops = "without a stop" if len(self.sections) == 1 else f"in {len(self.sections)} sections"
+        return f"{words} {stops}, {self.solver} + {self.law}"
 
     @property
     def moving_sections(self) -> range:

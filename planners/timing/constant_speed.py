@@ -8,7 +8,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 import scipy
 
-from optik.check import check_number
+from optik.check import check_number, format_ratio
 from optik.errors import InvalidInput, NoSolution
 from optik.types import Array, Flags, Indices
 from planners.certificate.analysis import MotionAnalysis
@@ -102,9 +102,10 @@ class ConstantSpeed(TimeLaw):
             found, in_ramp = _find_worst(distance, widest, self.speed)
             turns = "rotation" if distance.turning else "tool"
             longer = "a longer ramp= (at most 0.5); " if in_ramp and self.ramp < 0.5 else ""
+            where = f"s = {found.s:.6g}{f', in a ramp of {self.ramp:.3g} of the distance' if in_ramp else ''}"
             raise NoSolution(
-                f"a tool speed of {self.speed:.6g} is {self.speed / greatest:.6g} times too fast: the limit on {found.limit} "
-                f"is exceeded at s = {found.s:.6g}{f', in a ramp of {self.ramp:.3g} of the distance' if in_ramp else ''}",
+                f"a tool speed of {self.speed:.6g} is {format_ratio(self.speed / greatest, 6)} times too fast: the limit on "
+                f"{found.limit} is exceeded at {where}",
                 s=found.s, joint=found.joint,
                 advice=f"a speed of at most {_round_down(greatest):.6g}; {longer}or timing='optimal' with "
                 f"{turns}_speed={self.speed:.6g}, which slows at corners only",

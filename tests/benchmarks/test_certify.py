@@ -12,6 +12,7 @@ import pytest
 
 import optik
 import planners
+from optik.check import format_ratio
 from optik.types import Array
 
 NAMES = tuple(f"joint{i + 1}" for i in range(6))
@@ -308,3 +309,52 @@ def test_a_table_of_positions_names_the_interpolation(tmp_path: Path, typed: Any
     assert status == 1 and "--interpolation spline" in out
     status, out, _ = typed(*given, "--interpolation", "spline")
     assert status == 0, out
+
+
+def test_a_saved_motion_is_read_exactly_with_its_payloads(tmp_path: Path, typed: Any) -> None:
+    arm = optik.load("ur5e").with_payload(2.0)
+    limits = planners.MotionLimits.of(arm, acceleration=10.0, jerk=100.0)
+    items = [planners.Part(planners.Move([0.0, 0.0, 0.1])), planners.ToolChange(payload=1.0), planners.Part(HOME)]
+    plan = planners.plan(arm, planners.Program(items), HOME, limits=limits)
+    given = ["--acceleration", "10", "--jerk", "100"]
+    for name in ("m.csv", "m.json"):
+        plan.save(tmp_path / name)
+        read = planners.load_trajectory(tmp_path / name, arm)
+        np.testing.assert_array_equal(read.coefficients, plan.trajectory.coefficients)
+        status, out, said = typed("certify", str(tmp_path / name), *given)
+        assert status == 0 and "with payloads 2 kg, 1 kg" in " ".join(out.split()) and not said, out + said
+    status, out, said = typed("certify", str(tmp_path / "m.csv"), "--robot", "ur10e", *given)
+    assert "without the payload of the file" in said and "without payload" in out
+    status, _, said = typed("certify", str(tmp_path / "m.json"), "--robot", "panda", *given)
+    assert status == 2 and "joint_names: expected those of panda; got joint1, " in said
+    (tmp_path / "f.json").write_text('{"format": "optik-failed-plan/2"}')
+    status, _, said = typed("certify", str(tmp_path / "f.json"), *given)
+    assert status == 2 and "got 'optik-failed-plan/2'; optik view" in said
+
+
+def test_points_at_a_rate_say_by_how_much_they_exceed_the_limits(tmp_path: Path, typed: Any) -> None:
+    given = ["--robot", "ur5e", "--acceleration", "10", "--jerk", "100"]
+    plan = [
+        "plan",
+        "joints",
+        "--to-deg",
+        "10,-80,90,-90,-90,0",
+        *given,
+        "--payload",
+        "2",
+        "--out",
+        str(tmp_path / "m.csv"),
+    ]
+    status, out, _ = typed(*plan, "--rate", "250")
+    found = re.search(r"exceeds the limit on (?:acceleration by \S+ %, )?jerk by (\S+) %", " ".join(out.split()))
+    assert status == 0 and found, out
+    status, out, _ = typed("certify", str(tmp_path / "m.csv"), *given)
+    judged = re.search(r"jerk of \S+ is (\S+) of its limit", out)
+    assert status == 1 and judged and "with 2 kg" in " ".join(out.split())
+    assert float(judged[1]) - 1.0 == pytest.approx(0.01 * float(found[1]), rel=0.01)
+    assert "exceeds" not in typed(*plan)[1] and typed("certify", str(tmp_path / "m.csv"), *given)[0] == 0
+
+
+def test_a_ratio_barely_above_1_has_the_digits_that_say_so() -> None:
+    assert [format_ratio(x) for x in (1.0, 1.0 + 3e-12, 1.0000001, 2.0)] == ["1", "1.000000000003", "1.0000001", "2"]
+    assert format_ratio(1.0000004, 6) == "1.0000004" and format_ratio(1.5, 6) == "1.5"

@@ -7,8 +7,12 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
+import optik
 import planners
 from benchmarks.cli.app import app
+from planners.cell.drives.ideal import METHOD as Ideal
+from planners.cell.show import show_execution
+from planners.cell.stored import restore_plan
 from planners.motion.show import show_motion
 from tests.oracles import REPOSITORY
 
@@ -35,6 +39,12 @@ def test_a_program_is_planned_written_viewed_and_sent(tmp_path: Path) -> None:
     shown = show_motion(motion)
     assert len(shown.zones) == 4 and shown.events.shape == (2, 3)
     np.testing.assert_allclose(shown.events[:, 2], min(shown.path[:, 2]), atol=1e-6)
+    facts = dict(shown.facts)
+    stops = [text for name, text in shown.facts if name.startswith("At ")]
+    assert stops == ["wait of 0.2 s, payload 1.5 kg", "wait of 0.2 s, payload none"] and "Program" in facts
+    driven = show_execution(Ideal(motion.robot, motion.trajectory(0.0)).execute(restore_plan(motion)))
+    assert len(driven.zones) == 4 and driven.events.shape == (2, 3) and driven.executed is not None
+    assert {name for name, _ in driven.facts} >= {"Program", "Event", "Drive"}
     sent = run(
         "plan", "program", EXAMPLES / "pick_and_place.toml", *LIMITS, "--out", tmp_path / "m.yaml", "--rate", "125"
     )
@@ -90,3 +100,58 @@ def test_a_part_that_cannot_be_followed_is_named(tmp_path: Path) -> None:
     )
     done = run("plan", "program", tmp_path / "p.toml", *LIMITS)
     assert "part 1 'far' (line)" in str(done.exception)
+
+
+@pytest.mark.parametrize(
+    ("parts", "lowest"),
+    [
+        ("[[part]]\nvector_mm = [0, 0, 50]\n[[part]]\nvector_mm = [0, 0, 1500]\n", -1.2),
+        ("[[part]]\nvector_mm = [0, 0, 1500]\n", -1.2),
+        ("[[part]]\npose = { xyz_mm = [3000, 0, 0] }\nmove = 'joint'\n", 0.0),
+    ],
+)
+def test_a_failed_program_is_shown_up_to_its_failure(tmp_path: Path, parts: str, lowest: float) -> None:
+    (tmp_path / "p.toml").write_text('robot = "ur5e"\nstart = [0, -90, 90, -90, -90, 0]\n' + parts)
+    done = run("plan", "program", tmp_path / "p.toml", *LIMITS, "--out-failed", tmp_path / "f.json")
+    assert done.exit_code == 1 and "to see it: optik view" in done.output
+    assert run("view", tmp_path / "f.json", "--html", tmp_path / "f.html").exit_code == 0
+    data = json.loads((tmp_path / "f.json").read_text())
+    z = optik.load("ur5e").fk(np.array(data["q"]))[:, 2, 3]
+    assert z[0] == pytest.approx(0.488, abs=0.01) and (lowest == 0.0 or z[-1] - z[0] < lowest + 0.1)
+    assert np.abs(np.diff(data["q"], axis=0)).max(initial=0.0) < 0.2  # no jump between two parts
+
+
+def test_corners_that_are_narrower_or_stops_are_listed(tmp_path: Path) -> None:
+    (tmp_path / "p.toml").write_text(
+        'robot = "ur5e"\nstart = [0, -90, 90, -90, -90, 0]\n[[part]]\nvector_mm = [0, 0, 100]\nblend_mm = 5\n[[part]]\n'
+        'name = "side"\nvector_mm = [0, 60, 0]\nblend_mm = 5\n[[part]]\nvector_mm = [0, -60, 0]\nblend_mm = 50\n[[part]]\n'
+        "vector_mm = [0, 0, -80]\n"
+    )
+    words = " ".join(run("plan", "program", tmp_path / "p.toml", *LIMITS).output.split())
+    assert "4 parts in 2 sections" in words and "2 rounded corners, at most 13 mm" in words
+    assert "after part 2 'side': a stop: the path reverses its direction there" in words
+    assert "of 50 mm: the shorter of its parts ends" in words and "after part 1" not in words
+
+
+@pytest.mark.parametrize(
+    ("event", "words"),
+    [("time_s = 99", "expected times in [0, "), ("part = 1\ndistance_mm = 0\nbefore_s = 3", "got 's' at t = -3 s")],
+)
+def test_an_event_outside_of_the_motion_is_named(tmp_path: Path, event: str, words: str) -> None:
+    (tmp_path / "p.toml").write_text(
+        'robot = "ur5e"\nstart = [0, -90, 90, -90, -90, 0]\n[[part]]\nvector_mm = [0, 0, 50]\n[[event]]\ntime_s = 0.1\n'
+        f'signal = "a"\n[[event]]\nsignal = "s"\n{event}\n'
+    )
+    said = str(run("plan", "program", tmp_path / "p.toml", *LIMITS).exception)
+    assert f"p.toml: [[event]] 2: {words.split(' [')[0]}" in said or words in said
+
+
+def test_check_asks_for_a_start_and_counts_in_words(tmp_path: Path) -> None:
+    (tmp_path / "p.toml").write_text('robot = "ur5e"\n[[part]]\nvector_mm = [0, 0, 50]\n')
+    done = run("program", "check", tmp_path / "p.toml")
+    assert done.exit_code == 0 and "1 part, 0 events: no errors" in done.output
+    assert "no start in the file: `optik plan program` needs --start-deg" in done.output
+    assert "by default that of a program's file" in " ".join(
+        run("plan", "program", "--help").output.replace("│", " ").split()
+    )
+    assert str(run("program", "check", tmp_path / "none.toml").exception).startswith("FILE: expected a readable file")

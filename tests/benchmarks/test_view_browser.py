@@ -458,3 +458,27 @@ def test_another_page_shows_two_arms(drawn: Browser, tmp_path: Path) -> None:
     drawn.run(f"{part}('play').click()")
     drawn.until("arms[0].shown.time > 0.35")
     assert drawn.errors == []
+
+
+def test_a_closed_path_has_one_label_and_all_joints_no_limits_of_some(drawn: Browser, tmp_path: Path) -> None:
+    show, file = loaded(), tmp_path / "closed.html"
+    q, dq = (
+        np.concatenate([x, sign * x[-2::-1]]) for x, sign in zip(show.planned[1:3], (1.0, -1.0), strict=True)
+    )  # and back
+    torque = np.linspace(-20.0, 20.0, q.size).reshape(q.shape)
+    track = Track(np.linspace(0.0, 2.0, len(q)), q, dq, None, torque)
+    limits = {"torque": (-np.array([87.0] * 4 + [12.0] * 3), np.array([87.0] * 4 + [12.0] * 3))}
+    write_page(Show(show.robot, "closed", track, show.robot.fk(q)[:, :3, 3], track, limits=limits), file)
+    drawn.open(file)
+    drawn.until("document.title === 'closed' && window.optikView")
+    labels = drawn.run("[...document.getElementById('labels').children].map(e => e.textContent)")
+    assert "start, goal" in labels and "goal" not in labels and "start" not in labels
+    drawn.run("""(p => { const old = p.setLineDash; window.dotted = 0;
+        p.setLineDash = function (dash) { window.dotted += dash[0] === 1; old.call(this, dash); };
+    })(CanvasRenderingContext2D.prototype)""")
+    for joint, drawn_limits in (("5", True), ("", False)):
+        drawn.run("window.dotted = 0")
+        choose(drawn, "joint", joint)
+        drawn.run("optikView.draw()")
+        assert (drawn.run("window.dotted") > 0) == drawn_limits
+    assert drawn.errors == []

@@ -336,6 +336,18 @@ def test_the_first_path_without_a_start_chooses_it_and_a_failure_says_what_was_t
     assert lost.status == "unreachable" and "no configuration" in lost.failure.reason
 
 
+def test_a_move_of_no_length_does_not_blame_the_configurations():
+    goal = HOME.copy()
+    goal[2, 3] -= 0.1
+    found = planners.plan(
+        ROBOT,
+        Program([Part(goal, move="joint"), Part(Move(-X, "base")), Part(Move([0.0, 0.0, 0.0]))]),
+        START,
+        limits=LIMITS,
+    )
+    assert found.status == "no_length" and "configurations" not in found.failure.reason
+
+
 def test_program_of_stops_where_a_polyline_turns_back():
     poses = np.array([se3.pose(HOME[:3, :3], HOME[:3, 3] + way) for way in (0 * X, X, X + Y, X, 2 * X)])
     with pytest.raises(InvalidInput, match=r"waypoints\[2\]: .*planners.Program.of"):

@@ -9,7 +9,7 @@ import scipy
 
 import optik
 import planners
-from optik.errors import InvalidInput
+from optik.errors import InvalidInput, NoSolution
 from planners import Dwell, Event, MotionLimits, Move, Part, PathEvent, PeriodicEvent, Program, TimedEvent
 from planners.cell.drives.ideal import METHOD as Ideal
 
@@ -158,3 +158,13 @@ def test_what_cannot_be_scheduled_is_refused_in_one_line(plan, event, text: str)
     with pytest.raises(InvalidInput, match="^" + text.replace("(", r"\(")) as caught:
         plan.schedule([event])
     assert "\n" not in str(caught.value)
+
+
+def test_one_event_alone_and_events_of_a_failed_plan_are_refused(plan) -> None:
+    event = PathEvent(0, None, "s", fraction=0.5)
+    with pytest.raises(InvalidInput, match=r"^events: expected a list of PathEvent, .*; got PathEvent\(part=0"):
+        plan.schedule(event)
+    failed = planners.plan(ROBOT, Program([Part(Move([0.0, 0.0, 1.5]), name="far")]), HOME, limits=LIMITS)
+    with pytest.raises(NoSolution, match=r"^part 1 'far' \(line\): the path leaves"):
+        failed.schedule([event])
+    assert str(failed).startswith("unreachable: ur5e, program of 1 part, lm\n")

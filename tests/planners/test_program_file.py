@@ -21,7 +21,7 @@ from planners import (
     ToolChange,
     load_program,
 )
-from planners.program.file import find_mistakes
+from planners.program.file import read_program
 from tests.oracles import REPOSITORY
 
 HEAD = 'robot = "ur5e"\nstart = "home"\n[configurations]\nhome = [0, -90, 90, -90, -90, 0]\n'
@@ -35,6 +35,10 @@ def read(folder: Path, text: str, head: str = HEAD + FRAMES) -> planners.program
     (folder / "bead.csv").write_text(BEAD)
     (folder / "p.toml").write_text(head + text)
     return load_program(folder / "p.toml")
+
+
+def mistakes(folder: Path) -> list[InvalidInput]:
+    return read_program(folder / "p.toml")[1]
 
 
 def test_every_key_means_what_its_unit_says(tmp_path: Path) -> None:
@@ -157,16 +161,32 @@ MISTAKES = [
     (GOOD, "robot: expected the name or the file of an arm; got none"),
     ('robot = "/etc/arm.urdf"\n' + GOOD, "robot: expected a file below the folder"),
     ('robot = "../arm.urdf"\n' + GOOD, "robot: expected a file below the folder"),
-    ('robot = "ur5e"\n', "items: expected a list of Part"),
+    ('robot = "ur5e"\n', "p.toml: [[part]]: expected at least one with a goal: joints, "),
     ('robot = "ur5e"\npart = 3\n', "part: expected a list of tables"),
     ('robot = "ur5e"\npart = [3]\n', "[[part]] 1: part: expected a table"),
-    ('robot = "ur5e"\nstart = "hom"\n' + GOOD, "configuration: expected one of: none in the file; got 'hom'"),
+    ('robot = "ur5e"\nstart = "hom"\n' + GOOD, "p.toml: start: expected one of: none in the file; got 'hom'"),
     ('robot = "ur5e"\nstart = [1, 2]\n' + GOOD, "start: expected 6 finite numbers"),
     ('robot = "ur5e"\nstart = 3\n' + GOOD, "start: expected 6 finite numbers"),
+    (
+        'robot = "ur5e"\nstart = [0, 0, 0, 0, 0, 400]\n' + GOOD,
+        "start: expected joint6 within [-360, 360]°, its range; got joint6 = 400°",
+    ),
+    (HEAD.replace('"home"', '"hoem"') + GOOD, "p.toml: start: expected one of: home; got 'hoem'; did you mean home?"),
+    (
+        HEAD.replace('"ur5e"', '"kr6"').replace("-90, 0]", "10, 0]") + "[[part]]\npayload_kg = 2\n",
+        "[[part]] 1: payload_kg: expected an arm whose masses are known; got 2 on kr6",
+    ),
 ]
 PARTS = [
     ("", "[[part]] 1: goal: expected one of: joints, configuration"),
-    ("vectr_mm = [0, 0, 1]\n", "[[part]] 1: goal: "),
+    ("vectr_mm = [0, 0, 1]\n", "got none among the keys vectr_mm; did you mean vector_mm?"),
+    ("vector_m = [0, 0, 1]\nblend_mm = 1\n", "did you mean vector_mm?"),
+    ("dwell_ms = 1\n", "did you mean dwell_s?"),
+    ("vector_mm = [0, 0, 0]\n", "[[part]] 1: vector_mm: expected a vector that is not 0; got [0, 0, 0]"),
+    (
+        "joints = [0, -90, 500, 0, 0, 0]\n",
+        "[[part]] 1: joints: expected joint3 within [-360, 360]°, its range; got joint3 = 500°",
+    ),
     ("name = 'x'\n", "[[part]] 1 'x': goal: "),
     ("vector_mm = [0, 0, 1]\njoints = [0, 0, 0, 0, 0, 0]\n", "[[part]] 1: goal: expected one of"),
     ("vector_mm = [0, 0]\n", "[[part]] 1: vector_mm: expected 3 finite numbers"),
@@ -175,12 +195,18 @@ PARTS = [
     ("vector_mm = [0, 0, 1]\nframe = 'table'\n", '[[part]] 1: frame: expected "tool" or "base"'),
     ("vector_mm = [0, 0, 1]\nblend = 3\n", "got blend unknown; did you mean blend_mm?"),
     ("vector_mm = [0, 0, 1]\nspeed = 3\n", "[[part]] 1: keys: expected a mapping with vector_mm"),
-    ("vector_mm = [0, 0, 1]\nblend_mm = -1\n", "[[part]] 1: blend: "),
+    ("vector_mm = [0, 0, 1]\nblend_mm = -1\n", "[[part]] 1: blend_mm: expected a number of at least 0 [mm]; got -1"),
     ("vector_mm = [0, 0, 1]\nblend_mm = '2'\n", "[[part]] 1: blend_mm: "),
     ("vector_mm = [0, 0, 1]\nblend_mm = true\n", "[[part]] 1: blend_mm: "),
-    ("vector_mm = [0, 0, 1]\nblend_rotation_deg = 3\n", "[[part]] 1: blend_rotation: "),
-    ("vector_mm = [0, 0, 1]\ntool_speed_mm_s = 0\n", "[[part]] 1: tool_speed: "),
-    ("vector_mm = [0, 0, 1]\nrotation_speed_deg_s = -3\n", "[[part]] 1: rotation_speed: "),
+    (
+        "vector_mm = [0, 0, 1]\nblend_rotation_deg = 3\n",
+        "[[part]] 1: blend_rotation_deg: expected blend_mm, too; got 3 without",
+    ),
+    ("vector_mm = [0, 0, 1]\ntool_speed_mm_s = 0\n", "tool_speed_mm_s: expected a number above 0 [mm/s]; got 0"),
+    (
+        "vector_mm = [0, 0, 1]\nrotation_speed_deg_s = -3\n",
+        "rotation_speed_deg_s: expected a number above 0 [°/s]; got -3",
+    ),
     ("vector_mm = [0, 0, 1]\navoid = true\n", "[[part]] 1: avoid: expected False for a Move"),
     ("vector_mm = [0, 0, 1]\navoid = 'yes'\n", "[[part]] 1: avoid: expected True or False"),
     ("vector_mm = [0, 0, 1]\nmove = 'joint'\n", "got move unknown"),
@@ -193,11 +219,16 @@ PARTS = [
     ("pose = { xyz = [0, 0, 1] }\n", "got xyz unknown; did you mean xyz_mm?"),
     ("pose = { xyz_mm = [0, 0] }\n", "[[part]] 1: pose.xyz_mm: "),
     ("pose = { rpy_deg = 3 }\n", "[[part]] 1: pose.rpy_deg: "),
-    ("pose = { frame = 'tabel' }\n", "[[part]] 1: pose.frame: expected one of: "),
-    ("pose = { xyz_mm = [0, 0, 1] }\nmove = 'spline'\n", '[[part]] 1: move: expected "line" or "joint"'),
-    ("pose = { xyz_mm = [0, 0, 1] }\nmove = 'arc'\n", "[[part]] 1: move: expected via_mm"),
+    (
+        "pose = { frame = 'tabel' }\n",
+        "[[part]] 1: pose.frame: expected one of: cell, table; got 'tabel'; did you mean table?",
+    ),
+    ("pose = { xyz_mm = [0, 0, 1] }\nmove = 'spline'\n", '[[part]] 1: move: expected "line", "joint" or "arc"; got'),
+    ("pose = { xyz_mm = [0, 0, 1] }\nmove = 'arc'\n", "[[part]] 1: via_mm: expected a point of the arc; got none"),
     ("pose = { xyz_mm = [0, 0, 1] }\nvia_mm = [0, 0, 2]\n", "[[part]] 1: via_mm: expected none, or move"),
-    ("polyline = 'none.csv'\n", "[[part]] 1: "),
+    ("polyline = 'none.csv'\n", "[[part]] 1: polyline: expected a readable file; got "),
+    ("polyline = 'bead.csv'\nwithin_mm = -1\n", "[[part]] 1: within_mm: expected a number above 0 [mm]; got -1"),
+    ("configuration = [1]\n", "[[part]] 1: configuration: expected one of: home; got [1]"),
     ("polyline = '../bead.csv'\n", "[[part]] 1: polyline: expected a file below the folder"),
     ("polyline = '/bead.csv'\n", "[[part]] 1: polyline: expected a file below the folder"),
     ("polyline = 3\n", "[[part]] 1: polyline: expected a string"),
@@ -205,9 +236,13 @@ PARTS = [
     ("polyline = 'bead.csv'\nframe = 'x'\n", "[[part]] 1: frame: expected one of"),
     ("polyline = 'bead.csv'\noffset_mm = [0, 0, 1]\n", "got offset_mm unknown"),
     ("start_of = 'bead'\n", "[[part]] 1: start_of: expected the name of a part with a table: none in the file"),
-    ("dwell_s = -1\n", "[[part]] 1: dwell_s: expected seconds"),
+    ("dwell_s = -1\n", "[[part]] 1: dwell_s: expected a number of at least 0 [s]; got -1"),
     ("dwell_s = 1\nblend_mm = 2\n", "[[part]] 1: keys: expected a mapping with dwell_s; got blend_mm unknown"),
-    ("payload_kg = -1\n", "[[part]] 1: payload_kg: "),
+    ("payload_kg = -1\n", "[[part]] 1: payload_kg: expected a number of at least 0 [kg]; got -1"),
+    (
+        "tool = { frame = 'table', xyz_mm = [0, 0, 1] }\n",
+        "tool: expected a mapping with xyz_mm, rpy_deg; got frame unknown",
+    ),
     ("payload_com_mm = [0, 0, 1]\n", "[[part]] 1: payload_com_mm: expected payload_kg, too"),
     ("tool = { xyz_mm = [0, 0, 1] }\nname = 'x'\n", "[[part]] 1 'x': keys: expected a mapping with tool"),
     ("tool = 3\n", "[[part]] 1: tool: expected a mapping"),
@@ -215,15 +250,33 @@ PARTS = [
 OTHERS = [
     (
         GOOD.replace("10]\n", "10]\nblend_mm = 2\n"),
-        "blend: expected blend=0: the arm stops there; got 0.002 m at the last part (part 1)",
+        "[[part]] 1: blend_mm: expected 0, or none: the arm stops there; got 2 at the last part",
+    ),
+    (
+        2 * (PART + "dwell_s = 1\n") + GOOD + "blend_mm = 5\n" + PART + "dwell_s = 1\n" + GOOD,
+        "[[part]] 3: blend_mm: expected 0, or none: the arm stops there; got 5 before a wait",
     ),
     (2 * GOOD.replace("10]\n", "10]\nname = 'x'\n"), "name: expected a name for one part; got 'x' for two parts"),
     (GOOD + "[[event]]\n", "[[event]] 1: event: expected signal; and time_s"),
     (GOOD + "[[event]]\nsignal = 'a'\n", "[[event]] 1: event: "),
     (GOOD + "[[event]]\nsignal = 3\ntime_s = 1\n", "[[event]] 1: signal: "),
-    (GOOD + "[[event]]\nsignal = 'a'\ntime_s = -1\n", "[[event]] 1: t: "),
+    (
+        GOOD + "[[event]]\nsignal = 'a'\ntime_s = -1\n",
+        "[[event]] 1: time_s: expected a number of at least 0 [s]; got -1",
+    ),
     (GOOD + "[[event]]\nsignal = 'a'\npart = 1\nfraction = 2\n", "[[event]] 1: fraction: "),
-    (GOOD + "[[event]]\nsignal = 'a'\npart = 1\nspacing_mm = 0\n", "[[event]] 1: spacing: "),
+    (
+        GOOD + "[[event]]\nsignal = 'a'\npart = 1\nspacing_mm = 0\n",
+        "[[event]] 1: spacing_mm: expected a number above 0 [mm]; got 0",
+    ),
+    (
+        GOOD + "[[event]]\nsignal = 'a'\npart = 1\nfraction = 1\nbefore_s = -1\n",
+        "[[event]] 1: before_s: expected a number",
+    ),
+    (
+        GOOD + "[[event]]\nsignal = 'a'\ntime_s = 1\nbefore_s = 1\n",
+        "before_s: expected none, or distance_mm or fraction",
+    ),
     (GOOD + "[[event]]\nsignal = 'a'\npart = 1\ntime_s = 1\n", "[[event]] 1: event: "),
     (GOOD + "[[event]]\nsignl = 'a'\n", "got signl unknown; did you mean signal?"),
 ]
@@ -255,7 +308,9 @@ def test_no_code_is_run_for_the_arm_that_a_file_names(tmp_path: Path, name: str)
 
 def test_frames_that_refer_to_each_other_are_refused(tmp_path: Path) -> None:
     frames = "[frames.a]\nframe = 'b'\n[frames.b]\nframe = 'a'\n"
-    with pytest.raises(InvalidInput, match=r"frames\.b\.frame: expected one of: "):
+    with pytest.raises(
+        InvalidInput, match=r"p.toml: frames\.b\.frame: expected a frame .*; got the cycle a -> b -> a$"
+    ):
         read(tmp_path, PART + "pose = { frame = 'a' }\n", HEAD + frames)
 
 
@@ -271,7 +326,67 @@ def test_all_mistakes_of_a_file_are_found_and_none_follows_from_another(tmp_path
         + "pose = { xyz_mm = [-400, 0, 300], rpy_deg = [180, 0, 10] }\n"
         "move = 'arc'\nvia_mm = [-450, -50, 400]\n" + PART + "dwell_s = -1\n[[event]]\nsignal = 'a'\n"
     )
-    found = [str(mistake).removeprefix(f"{tmp_path / 'p.toml'}: ") for mistake in find_mistakes(tmp_path / "p.toml")]
+    found = [str(mistake).removeprefix(f"{tmp_path / 'p.toml'}: ") for mistake in mistakes(tmp_path)]
     assert [words.split(":")[0] for words in found] == ["[[part]] 1", "[[part]] 2", "[[part]] 5", "[[event]] 1"]
     with pytest.raises(InvalidInput, match=r"\[\[part\]\] 1: goal"):
         load_program(tmp_path / "p.toml")
+
+
+def test_a_mistake_that_several_parts_meet_is_one_line_at_its_own_place(tmp_path: Path) -> None:
+    goals = 2 * "[[part]]\nstart_of = 'bead'\n" + "[[part]]\nname = 'bead'\npolyline = 'bead.csv'\nframe = 'table'\n"
+    for head, text, words in (
+        (HEAD + FRAMES, goals.replace("bead.csv", "none.csv"), "[[part]] 3 'bead': polyline: expected a readable file"),
+        (HEAD + FRAMES.replace("rpy_deg", "rpy"), goals, "frames.table: expected a mapping with frame, xyz_mm, rpy_deg"),
+        (HEAD.replace('start = "home"\n', "") + FRAMES, goals, "start: expected joints or a configuration, because bead.csv "),
+    ):  # fmt: skip
+        with pytest.raises(InvalidInput):
+            read(tmp_path, text, head)
+        (found,) = mistakes(tmp_path)
+        assert str(found).startswith(f"{tmp_path / 'p.toml'}: {words}"), found
+
+
+EVENT_PARTS = (
+    "[[part]]\nname = 'go'\nconfiguration = 'home'\n[[part]]\nname = 'down'\nvector_mm = [0, 0, 40]\n[[part]]\ndwell_s = 1\n"
+    "[[part]]\nname = 'side'\npose = { xyz_mm = [-500, -200, 300], rpy_deg = [180, 0, 10] }\n"
+)
+
+
+@pytest.mark.parametrize("place", ["fraction = 0.5", "distance_mm = 1"])
+@pytest.mark.parametrize("part", ['"dwon"', "9", "0", "-1", "1.5", '"3"', "true", "4"])
+def test_an_event_of_a_part_that_does_not_exist_is_refused(tmp_path: Path, part: str, place: str) -> None:
+    got = {'"dwon"': "'dwon'", '"3"': "'3'", "true": "True"}.get(part, part)
+    words = f"[[event]] 1: part: expected 1 to 3, or 'go', 'down', 'side'; got {got}"
+    with pytest.raises(InvalidInput) as caught:
+        read(tmp_path, EVENT_PARTS + f"[[event]]\npart = {part}\nsignal = 's'\n{place}\n")
+    assert str(caught.value).endswith(words)
+
+
+@pytest.mark.parametrize(
+    ("place", "words"),
+    [
+        ("part = 2\ndistance_mm = 40", ""),
+        ("part = 2\ndistance_mm = -40.1", "distance_mm: expected at most the length of part 2, 40 mm; got -40.1"),
+        ("part = 'side'\ndistance_mm = 1000", "distance_mm: expected at most the length of part 'side', "),
+        (
+            "part = 'go'\ndistance_mm = 0",
+            "distance_mm: expected fraction, from 0 to 1; got 0 along part 'go', which is in joint",
+        ),
+        ("part = 'go'\nspacing_mm = 5", "spacing_mm: expected fraction, from 0 to 1; got 5 along part 'go'"),
+        ("part = 2\nspacing_mm = 1e-6", "spacing_mm: expected at least 4e-05 mm along part 2; got 1e-06"),
+    ],
+)
+def test_the_place_of_an_event_is_checked_in_the_units_of_the_file(tmp_path: Path, place: str, words: str) -> None:
+    text = EVENT_PARTS + f"[[event]]\nsignal = 's'\n{place}\n"
+    if not words:
+        assert read(tmp_path, text).events
+        return
+    with pytest.raises(InvalidInput) as caught:
+        read(tmp_path, text)
+    assert f"p.toml: [[event]] 1: {words}" in str(caught.value)
+
+
+def test_a_byte_order_mark_and_another_start_are_read(tmp_path: Path) -> None:
+    text = "\ufeff" + HEAD + FRAMES + EVENT_PARTS.replace("[[part]]\nname = 'go'\nconfiguration = 'home'\n", "", 1)
+    (tmp_path / "p.toml").write_text(text, encoding="utf-8")
+    start = np.deg2rad([10.0, -80, 90, -90, -90, 0])
+    np.testing.assert_array_equal(load_program(tmp_path / "p.toml", start=start).start, start)
