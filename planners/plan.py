@@ -8,10 +8,11 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from optik.arm.robot import Robot
-from optik.check import check_number
+from optik.check import check_count, check_number
 from optik.errors import InvalidInput, NoSolution
 from optik.ik import IKSolver, SolverLike, get_solver
 from optik.ik.base import Tolerance, ToleranceLike
+from optik.ik.problem import check_start
 from optik.registry import label
 from optik.scene import Scene
 from planners.certificate.violation import LIMIT_WORDS, Allow, check_allow
@@ -27,6 +28,7 @@ from planners.planning.result import Plan, PlanSeconds
 from planners.program.following import Options
 from planners.program.parts import Program
 from planners.program.planner import plan_program
+from planners.program.reconfigure import reconfigure
 from planners.program.result import ProgramPlan
 from planners.search.base import SearchLike
 from planners.timing import LawLike, make_law
@@ -40,6 +42,7 @@ def plan(
     branch: str | None = None, rate: float = 1000.0, duration: float | None = None, strict: bool = False,
     tolerance: ToleranceLike = DEFAULT_TOLERANCE, allow: Allow = (), scene: Scene | None = None,
     avoid: bool | SearchLike = False, winding: str = "nearest", resolve: str = "auto", time_limit: float = TIME_LIMIT,
+    reconfigurations: int = 0,
 ) -> Plan:  # fmt: skip
     """Plan the joint motion that takes the tool along a path, and certify its limits.
 
@@ -55,10 +58,8 @@ def plan(
         A name, a file (``"./jt.py"``), a class, or an object, such as ``make_law("constant_speed", speed=0.1)``.
     limits : MotionLimits, optional
         By default the robot's own. A plan that exceeds a limit given here is invalid, even if its law does not enforce it.
-    samples : int
-        Samples of the path, equally spaced.
-    branch : {"start", "best"}, optional
-        Keep the branch of ``q_start``, its default, or choose branch and winding for the whole path (`planners.follow`).
+    samples, branch : int, and {"start", "best"}, optional
+        Equally spaced samples of the path. Keep the branch of ``q_start``, the default with one, or choose branch and winding.
     duration, strict : float, optional, and bool
         Duration [s] to which the law's motion is slowed; a tool speed that is set in the law must stay the same. Refuse a
         motion that exceeds a limit enforced by its law, instead of slowing it uniformly (`Plan.slowed`).
@@ -74,9 +75,9 @@ def plan(
         a `FreePath`. A name, a file or a built search (`planners.find_path`) replaces the default one.
     winding : {"nearest", "exact"}
         For a goal configuration: "nearest" lets joints without limits end whole turns away from it (`Plan.goal`); "exact" not.
-    resolve, time_limit : {"auto", "local"}, and float
-        Where following fails, "auto" searches sequences of configurations and freedoms along the whole path
-        (`Plan.resolution`), in this computing time [s]; "local" does not.
+    resolve, time_limit, reconfigurations : {"auto", "local"}, float, and int
+        Where following fails, "auto" searches sequences of configurations and freedoms along the whole path, in this computing
+        time [s]; "local" does not. So often the tool may leave the path for another configuration, in a `ProgramPlan`.
 
     Returns
     -------
@@ -88,12 +89,27 @@ def plan(
     InvalidInput, UnknownName
         An invalid argument; a limit that the law needs and that is missing; an unknown method or law; an arm without shapes.
     """
-    given, seconds = (tolerance, rate, scene, allow, avoid, winding), read_time_limit(resolve, time_limit)
+    given, search = (tolerance, rate, scene, allow, avoid, winding), {"resolve": resolve, "time_limit": time_limit}
+    own = solver, timing, limits, samples, branch, duration, strict, search
     if isinstance(path, Program):
-        own = solver, timing, limits, samples, branch, duration, strict, {"resolve": resolve, "time_limit": time_limit}
-        return _plan_program(robot, path, q_start, own, given)
-    built = _build_request(robot, path, q_start, solver, timing, limits, given)
-    return MotionPlanner(*built, samples, _check_options(duration, strict), seconds).run(q_start, branch, duration)
+        return _plan_program(robot, path, q_start, own=own, given=given)
+    check_count(reconfigurations, "reconfigurations", 0)
+    return _plan_path(robot, path, q_start, own, given, reconfigurations)
+
+
+def _plan_path(
+    robot: Robot, path: Path | ArrayLike, q_start: ArrayLike | None, own: tuple[Any, ...], given: tuple[Any, ...], most: int
+) -> Plan:  # fmt: skip
+    """Return the plan along one path, with at most so many reconfigurations."""
+    (solver, timing, limits, samples, branch, duration, strict, search), seconds = own, read_time_limit(**own[-1])
+    request = _build_request(robot, path, q_start, solver, timing, limits, given)
+    found = MotionPlanner(*request, samples, _check_options(duration, strict), seconds).run(q_start, branch, duration)
+    if found or seconds == 0.0 or not isinstance(path, Path):
+        return found
+    q, held = None if q_start is None else check_start(robot, q_start, "q_start"), branch != "best"
+    without = solver, timing, limits, samples, None, duration, strict, search
+    program = partial(_plan_program, robot, own=without, given=(*given[:4], False, given[5]))
+    return reconfigure(found, path, q, q is not None and held, most, seconds, program)
 
 
 def _check_options(duration: float | None, strict: bool) -> bool:
@@ -106,7 +122,7 @@ def _check_options(duration: float | None, strict: bool) -> bool:
 
 
 def _plan_program(
-    robot: Robot, program: Program, q_start: ArrayLike | None, own: tuple[Any, ...], given: tuple[Any, ...]
+    robot: Robot, program: Program, q_start: ArrayLike | None, *, own: tuple[Any, ...], given: tuple[Any, ...]
 ) -> ProgramPlan:
     """Return the plan of a program, whose parts and sections are planned with the same arguments of `plan`."""
     solver, timing, limits, samples, branch, duration, strict, search = own

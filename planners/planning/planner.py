@@ -23,7 +23,7 @@ from planners.following.failure import PlanFailure
 from planners.following.follow import FollowResult, FollowStatus, make_follower
 from planners.following.follower import START_TOLERANCE
 from planners.following.resolve.explain import explain_stuck
-from planners.following.resolve.freedoms import FreeResolver, FreeWay, can_resolve
+from planners.following.resolve.freedoms import FreeWay, Resolver, can_resolve
 from planners.following.resolve.graph import Sequence
 from planners.limits import SAME_SPEED
 from planners.motion import PlanStatus
@@ -99,14 +99,16 @@ class MotionPlanner:
         beyond = followed.status not in MAY_CHANGE or (held and followed.joint_path is None)
         if not resolvable or (held if followed else beyond):
             return path, followed, []
-        resolver = FreeResolver(robot, path, None if scene is None else CollisionCheck(robot, scene), self.time_limit)
+        resolver = Resolver(robot, path, None if scene is None else CollisionCheck(robot, scene), self.time_limit)
         q = None if q_start is None else check_start(robot, q_start, "q_start")
         count = 1 if held or path.segments > FEW_SEGMENTS else max(path.starts - 1, 1)
         for many in (False, True):
-            ways, made = resolver.find(q, held=held, many=many, count=count)
+            sequences, made = resolver.find(q, held=held, many=many, count=count)
+            first = [parts[0] for parts in sequences]
+            ways = [resolver.relax(one) for one in first]
             if followed:
                 return path, followed._replace(resolution=made), ways[: path.starts - 1]
-            for candidate, way in resolver.candidates(ways):
+            for candidate, way in resolver.candidates(first, ways):
                 found = self.follow(candidate, way.q[0], "start", scene, way.joints)
                 if found:
                     return candidate, found._replace(resolution=made), [other for other in ways if other is not way]

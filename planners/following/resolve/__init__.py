@@ -34,6 +34,8 @@ class Resolution(NamedTuple):
         Computing time [s].
     stuck : (2,) tuple of float, or None
         Positions between which no configuration goes on [m, or rad].
+    cuts : tuple of float
+        Positions of reconfigurations [m, or rad].
     """
 
     layers: int
@@ -42,9 +44,12 @@ class Resolution(NamedTuple):
     rounds: int
     seconds: float
     stuck: tuple[float, float] | None = None
+    cuts: tuple[float, ...] = ()
 
     def __str__(self) -> str:
-        return f"  resolved: {self.layers} layers, {self.nodes} configurations, {self.seconds:.2g} s"
+        at = f" at s = {', '.join(f'{s:.4g}' for s in self.cuts)}"
+        count = "no reconfiguration" if not self.cuts else f"reconfigurations: {len(self.cuts)},{at}"
+        return f"  resolved: {self.layers} layers, {self.nodes} configurations, {count}, {self.seconds:.2g} s"
 
 
 def spread_layers(path: Path, least: int, most: int) -> Array:
@@ -72,5 +77,9 @@ def resolve(
     s = spread_layers(path, *(MANY if many else FEW))
     graph = Graph(sampler, path, s, MANY_DRAWS if many else FEW_DRAWS, start, near)
     found, stuck = graph.find(count, cuts, FINEST * path.end if many else np.inf)
-    nodes = sum(len(layer.q) for layer in graph.layers)
-    return found, Resolution(len(graph.layers), nodes, graph.inserted, graph.rounds, perf_counter() - begun, stuck)
+    nodes, at = (
+        sum(len(layer.q) for layer in graph.layers),
+        [float(part.s[0]) for part in found[0][1:]] if found else [],
+    )
+    seconds = perf_counter() - begun
+    return found, Resolution(len(graph.layers), nodes, graph.inserted, graph.rounds, seconds, stuck, tuple(at))

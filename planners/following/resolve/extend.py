@@ -30,6 +30,8 @@ def extend(robot: Robot, freedoms: tuple[tuple[Freedom, Bounds], ...]) -> Robot:
     joints have the ranges of the freedoms, no limits on their rates, and links without mass and shape. An interval of payload
     masses leaves the masses unknown.
     """
+    if not freedoms:
+        return robot
     fixed, tool, prismatic, lower, upper, labels = (
         [],
         robot.tool,

@@ -16,6 +16,7 @@ from planners.following.resolve.extend import columns_of, extend, is_joint
 from planners.following.resolve.graph import Sequence
 from planners.following.resolve.nodes import Sampler
 from planners.following.resolve.relax import relax
+from planners.paths.base import Path
 from planners.paths.free_path import FreePath
 
 SAMPLES_PER_COEFFICIENT = 4
@@ -46,54 +47,58 @@ class FreeWay(NamedTuple):
 
 
 def can_resolve(path: FreePath) -> bool:
-    """Return whether the path has freedoms that move the tool, and all of them are joints."""
+    """Return whether a path has freedoms that move the tool, and all of them are joints."""
     return len(path.screws) > 0 and all(is_joint(kind) for kind in path.kinds)
 
 
-class FreeResolver:
+class Resolver:
     """Finds sequences of an arm and the freedoms of a path.
 
     Parameters
     ----------
     robot : Robot
         The arm.
-    path : FreePath
-        The path, whose freedoms are joints (`can_resolve`).
+    path : Path
+        The path; freedoms that move the tool are joints (`can_resolve`).
     collision : CollisionCheck or None
         The arm in its scene.
     time_limit : float
         Computing time [s].
     """
 
-    def __init__(self, robot: Robot, path: FreePath, collision: CollisionCheck | None, time_limit: float) -> None:
-        freedoms = tuple((kind, path.bounds[kind.name]) for kind in path.kinds if kind.screws)
-        self.path, self.n, self.arm = path, robot.n, extend(robot, freedoms)
+    def __init__(self, robot: Robot, path: Path, collision: CollisionCheck | None, time_limit: float) -> None:
+        kinds = path.kinds if isinstance(path, FreePath) else ()
+        freedoms = tuple((kind, path.bounds[kind.name]) for kind in kinds if kind.screws)  # type: ignore[attr-defined]
+        self.path, self.given = path, path.given if isinstance(path, FreePath) else path
+        self.n, self.arm = robot.n, extend(robot, freedoms)
         self._columns, discs = columns_of(robot, freedoms)
-        self.sampler = Sampler(self.arm, robot, path.given, collision, time_limit, discs)
-        self._found: list[Sequence] = []
+        self.sampler = Sampler(self.arm, robot, self.given, collision, time_limit, discs)
         self._held = False
 
-    def find(self, q: Array | None, *, held: bool, many: bool, count: int) -> tuple[list[FreeWay], Resolution]:
-        """Return sequences from a start, or preferred near it; none if none reaches the end."""
+    def find(
+        self, q: Array | None, *, held: bool, many: bool, count: int = 1, cuts: int = 0
+    ) -> tuple[list[list[Sequence]], Resolution]:
+        """Return sequences of the extended arm from a start, or preferred near it; none if none reaches the end."""
         start = None
         if q is not None:
             start = np.append(q, np.zeros(self.arm.n - self.n))
-            start[self._columns] = self.path.coefficients[0]
-        found, made = resolve(
-            self.sampler, self.path.given, many=many, count=count, start=start if held else None, near=start
-        )
-        self._found, self._held = [parts[0] for parts in found if made.stuck is None], held
-        return [self._relax(one) for one in self._found], made
+            start[self._columns] = self.path.coefficients[0] if isinstance(self.path, FreePath) else 0.0
+        first = start if held else None
+        found, made = resolve(self.sampler, self.given, many=many, count=count, cuts=cuts, start=first, near=start)
+        self._held = held
+        return found if made.stuck is None else [], made
 
-    def _relax(self, sequence: Sequence, caution: int = 0) -> FreeWay:
-        s, q = relax(self.sampler, self.path.given, sequence, held=self._held, caution=caution)
+    def relax(self, sequence: Sequence, caution: int = 0) -> FreeWay:
+        """Return a sequence with a shorter motion."""
+        s, q = relax(self.sampler, self.given, sequence, held=self._held, caution=caution)
         return FreeWay(s, q[:, : self.n], q[:, self._columns])
 
-    def candidates(self, ways: list[FreeWay]) -> Iterator[tuple[FreePath, FreeWay]]:
-        """Yield paths with coefficients of the ways, first with few coefficients, then farther from limits and contact."""
+    def candidates(self, found: list[Sequence], ways: list[FreeWay]) -> Iterator[tuple[FreePath, FreeWay]]:
+        """Yield paths with coefficients of sequences that were relaxed: few coefficients first, then farther from limits."""
+        assert isinstance(self.path, FreePath)
         for caution in range(MOST_CAUTION):
-            for i, way in enumerate(ways):
-                chosen = self._relax(self._found[i], caution) if caution else way
+            for sequence, way in zip(found, ways, strict=True):
+                chosen = self.relax(sequence, caution) if caution else way
                 for factor in MORE_COEFFICIENTS if self.path.counts_itself else (1.0,):
                     count = int(factor * self.path.spline.count)
                     path = self.path if factor == 1.0 else self.path.with_count(count)

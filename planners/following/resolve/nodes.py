@@ -158,7 +158,7 @@ class Sampler:
     def judge(self, q: Array) -> Layer:
         """Return the configurations that are free of contact and regular, with their costs."""
         room, sigma, sides = self.rooms(q), *self.regularity(q)
-        kept = (room > 0.0) & (sigma > (LEAST_REGULAR if self._own.n < self.arm.n else 0.0))
+        kept = (room > 0.0) & (sigma > (0.0 if self._own.n == self.arm.n > 6 else LEAST_REGULAR))
         q, room, sigma, sides = q[kept], room[kept], sigma[kept], sides[kept]
         x = np.minimum(np.abs(self.arm.limits.normalise(q)), LOG_EDGE)
         x = np.where(self.circle, 0.0, x)
