@@ -219,7 +219,7 @@ class Follower:
             return FollowResult(None, self._explain_no_start())
         _, way, course = best
         followed = self._finish(course, way, way.q[0] if self.branch == "best" or self.q is None else self.q)
-        if not made:
+        if not made or self.time_limit == 0.0:
             return followed
         failure = followed.failure and explain_stuck(made[-1][0], self.path, made[-1][1], followed.failure)
         return followed._replace(failure=failure, resolution=made[-1][1])
