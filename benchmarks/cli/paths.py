@@ -46,6 +46,14 @@ TABLE_SYNTAX = (
 """Syntax of a table of poses, for the help of several options."""
 
 
+RESOLVE_HELP = (
+    "auto searches sequences of configurations and freedoms along the whole path where following fails; local does not."
+)
+"""Help of ``--resolve``."""
+RECONFIGURATIONS_HELP = "How often the tool may leave the path, so that the arm goes on in another configuration."
+"""Help of ``--reconfigurations``."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class ToolPathCommand(PlanCommand):
     """A command that plans along a path of tool poses, which may have freedoms."""
@@ -58,8 +66,15 @@ class ToolPathCommand(PlanCommand):
         "--start-free",
     )
     coefficients: int | None = option(
-        "Path", "With --free: coefficients of each coordinate; by default 8, or 3 for each segment if these are more."
+        "Path", "With --free: coefficients of each coordinate; by default 3 for each segment, but 8 to 32."
     )
+    resolve: str = option("Method", RESOLVE_HELP, "auto")
+    time_limit: float = option("Method", "Computing time of --resolve auto [s].", 10.0)
+    reconfigurations: int = option("Method", RECONFIGURATIONS_HELP, 0)
+
+    def resolution(self) -> dict[str, Any]:
+        """Return the typed options of the resolution of the whole path."""
+        return {"resolve": self.resolve, "time_limit": self.time_limit, "reconfigurations": self.reconfigurations}
 
     @abstractmethod
     def make_given(self, start: Start) -> planners.Path:

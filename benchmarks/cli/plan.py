@@ -134,6 +134,10 @@ class PlanCommand(MotionCommand, SceneCommand):
         """Return how joints without limits reach joints as goal."""
         return "nearest"
 
+    def resolution(self) -> dict[str, Any]:
+        """Return the typed options of the resolution of the whole path."""
+        return {}
+
     def choose_branch(self, start: Start, path: Any) -> str | None:
         """Return the typed branch, or the default."""
         return self.branch or choose_branch(start, path)
@@ -146,7 +150,7 @@ class PlanCommand(MotionCommand, SceneCommand):
         return planners.plan(
             arm, path, start.q, solver=self.solver, timing=law, limits=self.read_limits(arm, law), samples=self.samples,
             branch=self.choose_branch(start, path), duration=self.duration, strict=self.strict, scene=self.load_scene(arm),
-            allow=words, avoid=self.avoid, winding=self.choose_winding(),
+            allow=words, avoid=self.avoid, winding=self.choose_winding(), **self.resolution(),
         )  # fmt: skip
 
     def run(self) -> None:

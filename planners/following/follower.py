@@ -31,9 +31,7 @@ from planners.following.failure import (
 from planners.following.joint_path import Course, IKRecord, JointPath, Nodes, make_empty_guide, thin_knots
 from planners.following.redundancy import MOST_REFINEMENTS, find_null_space_motions
 from planners.following.resolve import Resolution
-from planners.following.resolve.explain import explain_stuck
 from planners.following.resolve.graph import Sequence
-from planners.following.resolve.nodes import Sampler
 from planners.following.singular import smallest_singular_value
 from planners.following.track import FollowedTrack, TrackEnd, track
 from planners.paths.base import Path
@@ -114,6 +112,7 @@ class Follower:
         if failure is None:
             return followed
         advice = AROUND_ADVICE if given is not None else self._find_free_branch()
+        failure = failure if followed.resolution is None else followed.resolution.explain(failure)
         return followed._replace(failure=replace(failure, advice=advice))
 
     def _find_free_branch(self) -> str:
@@ -198,7 +197,7 @@ class Follower:
 
     def _choose_null_space_motion(self) -> FollowResult:
         """Return the first null-space motion that reaches the end without collision, or the one that goes farthest."""
-        robot, best, made = self.robot, None, list[tuple[Sampler, Resolution]]()
+        robot, best, made = self.robot, None, list[Resolution]()
         rooms = None if self.collision is None else self.collision.find_rooms
         for motion in find_null_space_motions(
             robot, self.path, self.q, self.branch, self.collision, self.way, self.time_limit, made
@@ -221,8 +220,7 @@ class Follower:
         followed = self._finish(course, way, way.q[0] if self.branch == "best" or self.q is None else self.q)
         if not made or self.time_limit == 0.0:
             return followed
-        failure = followed.failure and explain_stuck(made[-1][0], self.path, made[-1][1], followed.failure)
-        return followed._replace(failure=failure, resolution=made[-1][1])
+        return followed._replace(failure=followed.failure and made[-1].explain(followed.failure), resolution=made[-1])
 
     def _is_free(self, way: FollowedTrack) -> bool:
         """Return whether a track reaches the path's end and is collision-free."""

@@ -39,7 +39,7 @@ MOST_REFINEMENTS = 4
 
 def find_null_space_motions(
     robot: Robot, path: Path, q: Array | None, branch: str, collision: CollisionCheck | None = None,
-    way: Sequence | None = None, time_limit: float = 0.0, made: list[tuple[Sampler, Resolution]] | None = None,
+    way: Sequence | None = None, time_limit: float = 0.0, made: list[Resolution] | None = None,
 ) -> Iterator[NullSpaceMotion]:  # fmt: skip
     """Yield null-space motions to try, the best first.
 
@@ -67,7 +67,7 @@ def find_null_space_motions(
     for many in (True,) if held else (False, True) if time_limit > 0.0 else (False,):
         found, done = resolve(sampler, path, many=many, count=CHOICES, start=q if held else None, near=q)
         if made is not None:
-            made.append((sampler, done))
+            made.append(done)
         motions = [
             NullSpaceMotion(
                 robot, path, *(parts[-1] if rooms is None else relax(sampler, path, parts[-1], held=held)), held=held,

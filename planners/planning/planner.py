@@ -22,7 +22,6 @@ from planners.following.collision import CollisionCheck
 from planners.following.failure import PlanFailure
 from planners.following.follow import FollowResult, FollowStatus, make_follower
 from planners.following.follower import START_TOLERANCE
-from planners.following.resolve.explain import explain_stuck
 from planners.following.resolve.freedoms import FreeWay, Resolver, can_resolve
 from planners.following.resolve.graph import Sequence
 from planners.limits import SAME_SPEED
@@ -113,8 +112,7 @@ class MotionPlanner:
                 if found:
                     return candidate, found._replace(resolution=made), [other for other in ways if other is not way]
         assert followed.failure is not None
-        failure = explain_stuck(resolver.sampler, path.given, made, followed.failure)
-        return path, followed._replace(failure=failure, resolution=made), []
+        return path, followed._replace(failure=made.explain(followed.failure), resolution=made), []
 
     def _reach_start(self, path: FreePath, q_start: ArrayLike) -> Array:
         """Return a configuration at the path's start from a first guess; itself if it is there, or if none is found."""

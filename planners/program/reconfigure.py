@@ -1,10 +1,11 @@
-"""A path that needs reconfigurations: stretches of it; between two, the tool leaves it, the arm moves, and the tool returns."""
+"""A path that needs reconfigurations: stretches of it; between two, the tool leaves, the arm moves, and the tool returns."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
 
+from optik import newton
 from optik.arm.robot import Robot
 from optik.errors import NoSolution
 from optik.ik import solve_ik
@@ -22,6 +23,8 @@ MOST_ADVISED = 8
 """Most reconfigurations of which a refusal speaks."""
 RETREATS = (0.1, 0.05, 0.02, 0.0)
 """Distances [m] by which the tool leaves the path along its axis z before the arm moves: the longest that is possible."""
+POLISHING_STEPS = 8
+"""Newton steps after which the tool comes back exactly where it left."""
 CHANGEABLE = tuple(
     PlanStatus[name]
     for name in ("OUTSIDE_LIMITS", "BRANCH_JUMP", "SINGULAR", "CONTACT", "NO_PATH_FOUND", "UNREACHABLE")
@@ -80,6 +83,7 @@ def list_items(robot: Robot, path: Path, ways: list[FreeWay], retreat: float, *,
             above = solve_ik(robot, begin, way.q[0])
             if not above:
                 raise NoSolution("the tool cannot leave the path there")
+            newton.polish_batch(robot.chain, above.q[None], begin[None], POLISHING_STEPS)
             moves = [Part(Move([0.0, 0.0, -retreat])), Part(above.q, avoid=avoid), Part(Move([0.0, 0.0, retreat]))]
             items += moves if retreat else [Part(way.q[0], avoid=avoid)]
         whole = path.given if isinstance(path, FreePath) else path

@@ -60,7 +60,30 @@ def test_a_free_start_turns_the_tool_and_programs_read_it(typed: Any, tmp_path: 
 def test_another_law_says_what_it_does_with_freedoms(typed: Any) -> None:
     status, out, _ = typed(*LINE, "--free", "tilt=10", "--timing", "toppra")
     assert status == 0
-    assert "free path: the initial coefficients" in out and "tilt:" not in out
+    assert "free path: chosen by the law optimal" in out and "tilt:" in out
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "said"),
+    [
+        ("--resolve", "global", '"auto" or "local"'),
+        ("--time-limit", "0", "above 0"),
+        ("--reconfigurations", "-1", "≥ 0"),
+    ],
+)
+def test_a_wrong_option_of_the_resolution_is_named(typed: Any, option: str, value: str, said: str) -> None:
+    status, _, error = typed(*LINE, option, value)
+    assert status == 2 and len(error.strip().splitlines()) == 1
+    assert error.startswith(f"error: {option}") and said in error
+
+
+def test_a_line_that_only_a_turn_makes_possible_is_planned_and_says_how(typed: Any) -> None:
+    line = [*LINE, "--move", "0.4,0,0.3"]
+    assert typed(*line)[0] == 1
+    status, out, said = typed(*line, "--free", "turn=115", "--free", "tilt=34")
+    assert status == 0, said
+    assert re.search(r"resolved: \d+ layers, \d+ configurations, no reconfiguration", out)
+    assert typed(*line, "--free", "turn=115", "--free", "tilt=34", "--resolve", "local")[0] == 1
 
 
 def test_point_to_point_follows_a_table(typed: Any, tmp_path: Path) -> None:

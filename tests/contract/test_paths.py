@@ -20,6 +20,7 @@ from planners import Arc, JointLine, Line, Path, PointToPoint, Polyline, Spline,
 from planners.paths import path_of
 from planners.paths.joint_curve import JointCurve
 from planners.paths.program import ProgramPath
+from planners.paths.stretch import Stretch
 from tests import oracles
 from tests.contract import test_plans
 from tests.oracles import PAPER
@@ -177,6 +178,17 @@ def _programs() -> dict[str, Path]:
     }
 
 
+def _stretches() -> dict[str, Path]:
+    """Parts of other paths, which begin where the others do."""
+    line = Line(reached((0.012, 0.0, -0.02)), reached((-0.12, 0.0, 0.20)))
+    corner, freed = _polylines()["corner"], _free_paths()["turned corner"]
+    return {
+        "of a line": Stretch(line, line.end / 11.0, line.end),
+        "of a corner": Stretch(corner, 0.0, 0.8 * corner.end),
+        "of a free path": Stretch(freed, 0.0, 0.6 * freed.end),
+    }
+
+
 def _plugin(file: str) -> dict[str, Path]:
     """Paths of a plug-in, from the data in its EXAMPLES, with their start where the others have theirs."""
     module = sys.modules[load_method("planners.paths", file).__module__]
@@ -196,6 +208,7 @@ def examples() -> dict[str, dict[str, Path]]:
         "polyline": _polylines(),
         "program": _programs(),
         "spline": _splines(),
+        "stretch": _stretches(),
     }
     return ours | {short_name(file): _plugin(file) for file in outside("planners.paths")}
 
@@ -407,6 +420,7 @@ TIGHT = {
     "point_to_point": (1.3, 1.3, 2.0, np.inf),
     "spline": (1.1, 1.2, 1.3, 3.0),
     "free_path": (2.5, 2.5, 3.0, 4.0),  # the sums of the bounds of all turns
+    "stretch": (2.5, 2.5, 3.0, 4.0),  # one example is of a free path
 }
 """How much above the truth the bounds on the derivatives may be, order by order."""
 

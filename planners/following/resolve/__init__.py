@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from time import perf_counter
 from typing import NamedTuple
 
@@ -9,6 +10,7 @@ import numpy as np
 
 from optik import se3
 from optik.types import Array
+from planners.following.failure import FollowStatus, PlanFailure
 from planners.following.resolve.graph import Graph, Sequence
 from planners.following.resolve.nodes import Sampler
 from planners.paths.base import Path
@@ -19,6 +21,8 @@ FEW, MANY = (24, 24), (48, 100)
 """Least and most intervals between layers, at first and where these have no answer."""
 FEW_DRAWS, MANY_DRAWS = 40, 75
 """Random guesses of each layer, at first and later."""
+EXPLAINING_DRAWS = 200
+"""Random guesses by which a refusal is explained."""
 FINEST = 1.0 / 2000.0
 """Least distance of layers, as a fraction of the path."""
 
@@ -36,6 +40,10 @@ class Resolution(NamedTuple):
         Positions between which no configuration goes on [m, or rad].
     cuts : tuple of float
         Positions of reconfigurations [m, or rad].
+    reason : str
+        Why no configuration goes on.
+    reached : bool
+        Whether configurations were found there.
     """
 
     layers: int
@@ -45,6 +53,18 @@ class Resolution(NamedTuple):
     seconds: float
     stuck: tuple[float, float] | None = None
     cuts: tuple[float, ...] = ()
+    reason: str = ""
+    reached: bool = False
+
+    def explain(self, before: PlanFailure) -> PlanFailure:
+        """Return the failure of following one way, with why no other configuration goes on, either.
+
+        A place where configurations were found is not called unreachable.
+        """
+        status = before.status
+        if self.reached and status == FollowStatus.UNREACHABLE:
+            status = FollowStatus.NO_PATH_FOUND
+        return replace(before, status=status, reason=f"{before.reason}; {self.reason}") if self.reason else before
 
     def __str__(self) -> str:
         at = f" at s = {', '.join(f'{s:.4g}' for s in self.cuts)}"
@@ -81,5 +101,21 @@ def resolve(
         sum(len(layer.q) for layer in graph.layers),
         [float(part.s[0]) for part in found[0][1:]] if found else [],
     )
+    why = _explain(sampler, path, stuck) if stuck is not None and many else ("", False)
     seconds = perf_counter() - begun
-    return found, Resolution(len(graph.layers), nodes, graph.inserted, graph.rounds, seconds, stuck, tuple(at))
+    return found, Resolution(len(graph.layers), nodes, graph.inserted, graph.rounds, seconds, stuck, tuple(at), *why)
+
+
+def _explain(sampler: Sampler, path: Path, stuck: tuple[float, float]) -> tuple[str, bool]:
+    """Return why no configuration goes on between two positions, and whether there are some at the second one."""
+    a, b = stuck
+    found = sampler.draw(path.pose(b)[None], EXPLAINING_DRAWS)[0]
+    touching = found[sampler.rooms(found) <= 0.0]
+    at = f"that were found at s = {b:.6g}"
+    if not len(found):
+        why = f"no configuration inside the limits was found at s = {b:.6g} from {EXPLAINING_DRAWS} random guesses"
+    elif len(touching) == len(found):
+        why = f"all {len(found)} configurations {at} are in contact, mostly {sampler.name_contact(touching)}"
+    else:
+        why = f"none of the {len(found) - len(touching)} configurations {at} continues one before it"
+    return f"between s = {a:.6g} and {b:.6g} {path.unit} no other goes on: {why}", bool(len(found))
