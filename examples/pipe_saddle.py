@@ -1,4 +1,4 @@
-"""The saddle where a branch pipe meets a main pipe: a weld seam by a formula, and a torch whose turn about its axis is free.
+"""The saddle where a branch pipe meets a main pipe, in a cell: a seam by a formula, and a torch that may turn about its axis.
 
 python examples/pipe_saddle.py [WAYPOINTS.csv]
 """
@@ -27,7 +27,11 @@ np.savetxt(out, rows, fmt="%.6f", delimiter=",", header="x_mm,y_mm,z_mm,i,j,k", 
 
 seam = planners.Polyline.from_csv(out, orientation=optik.se3.exp_so3([np.pi, 0.0, 0.0]), blend=1e-3)
 limits = planners.MotionLimits(velocity=2.0, acceleration=15.0, jerk=150.0)
-plan = planners.plan(robot, planners.free(seam, turn=(-np.pi, np.pi)), limits=limits)
+pipes = [(centre, centre + [0.0, 0.0, 0.3], branch), (centre - [0.3, 0.0, 0.0], centre + [0.3, 0.0, 0.0], main)]
+cell = optik.Scene(
+    cylinders=pipes, planes=[((0.0, 0.0, -0.15), (0.0, 0.0, 1.0))], margin=5e-3, allow=[("base", "plane1")]
+)
+plan = planners.plan(robot, planners.free(seam, turn=(-np.pi, np.pi)), limits=limits, scene=cell)
 if not plan:
     sys.exit(f"no motion: {plan.failure.reason}; to try: {plan.failure.advice}")
 
@@ -35,4 +39,5 @@ low, high = np.rad2deg(plan.freedom.ranges[0].reached)
 print(f"{out}: {len(rows)} waypoints")
 print(f"fixed turn: {plan.freedom.fixed_duration:.3f} s; free turn: {plan.trajectory.duration:.3f} s")
 print(f"gain {100.0 * plan.freedom.gain:.1f} %, turn between {low:.0f}° and {high:.0f}°")
-print(f"certificate valid: {plan.certificate.is_valid}")
+near = plan.certificate.clearance.scene
+print(f"certificate valid: {plan.certificate.is_valid}; {1e3 * near.value:.0f} mm or more between arm and cell")

@@ -44,12 +44,12 @@ def reconfigure(
         return failed
     collision = None if failed.scene is None else CollisionCheck(failed.robot, failed.scene)
     resolver = Resolver(failed.robot, path, collision, time_limit)
-    found, made = resolver.find(q, held=held, many=True, cuts=most or MOST_ADVISED)
+    found, made = resolver.find(q, held=held, many=True, cuts=max(most, MOST_ADVISED))
     if not found or not made.cuts:
-        return replace(failed, resolution=made) if most else failed
+        return failed
     assert failed.failure is not None
     count = len(made.cuts)
-    if not most:
+    if count > most:
         at = ", ".join(f"{s:.4g}" for s in made.cuts)
         some = f"{count} reconfiguration{'s' if count > 1 else ''}, at s = {at} {path.unit}"
         advice = (

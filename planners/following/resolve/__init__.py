@@ -97,13 +97,11 @@ def resolve(
     s = spread_layers(path, *(MANY if many else FEW))
     graph = Graph(sampler, path, s, MANY_DRAWS if many else FEW_DRAWS, start, near)
     found, stuck = graph.find(count, cuts, FINEST * path.end if many else np.inf)
-    nodes, at = (
-        sum(len(layer.q) for layer in graph.layers),
-        [float(part.s[0]) for part in found[0][1:]] if found else [],
-    )
+    nodes = sum(len(layer.q) for layer in graph.layers)
+    at = tuple(float(part.s[0]) for part in found[0][1:]) if found and stuck is None else ()
     why = _explain(sampler, path, stuck) if stuck is not None and many else ("", False)
     seconds = perf_counter() - begun
-    return found, Resolution(len(graph.layers), nodes, graph.inserted, graph.rounds, seconds, stuck, tuple(at), *why)
+    return found, Resolution(len(graph.layers), nodes, graph.inserted, graph.rounds, seconds, stuck, at, *why)
 
 
 def _explain(sampler: Sampler, path: Path, stuck: tuple[float, float]) -> tuple[str, bool]:
