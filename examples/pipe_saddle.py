@@ -27,7 +27,8 @@ np.savetxt(out, rows, fmt="%.6f", delimiter=",", header="x_mm,y_mm,z_mm,i,j,k", 
 
 seam = planners.Polyline.from_csv(out, orientation=optik.se3.exp_so3([np.pi, 0.0, 0.0]), blend=1e-3)
 limits = planners.MotionLimits(velocity=2.0, acceleration=15.0, jerk=150.0)
-pipes = [(centre, centre + [0.0, 0.0, 0.3], branch), (centre - [0.3, 0.0, 0.0], centre + [0.3, 0.0, 0.0], main)]
+side, up = np.array([0.3, 0.0, 0.0]), np.array([0.0, 0.0, 0.3])
+pipes = [(centre, centre + up, branch), (centre - side, centre + side, main)]
 cell = optik.Scene(
     cylinders=pipes, planes=[((0.0, 0.0, -0.15), (0.0, 0.0, 1.0))], margin=5e-3, allow=[("base", "plane1")]
 )

@@ -117,7 +117,7 @@ JUMP = 1e-5
 STEP_ROUNDING = 1e-14
 """Rounding error of a derivative: this fraction of q, over the shorter piece's duration to the power of the order."""
 FROM_AFAR = 0.3
-"""Least q [rad or m] in the rounding error: a motion that ends at 0 keeps the rounding error of its earlier positions, and a joint
+"""Least q [rad or m] in the rounding error: a motion that ends at 0 keeps the rounding error of its earlier positions, and one
 that stays at 0 has that of the pose: 1.0e-15 rad was seen between two parts of a program."""
 AT_REST = 1e-9
 """Final velocity, relative to the joint's largest one, below which it is at rest; the rounding error is added."""
