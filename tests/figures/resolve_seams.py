@@ -12,15 +12,13 @@ from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicSpline
-from scipy.spatial.transform import Rotation
 
 import optik
 import planners
-from optik.errors import InvalidInput, NoSolution
+from benchmarks.blocks.seams import TOLERANCE, draw_seams
+from optik.errors import NoSolution
 from optik.ik import get_solver
-from optik.scene.contact import find_nearest_pairs
-from optik.types import Array
-from planners import MotionLimits, Polyline, free
+from planners import MotionLimits, free
 from planners.following.follow import make_follower
 from planners.following.resolve.freedoms import FreeWay
 from planners.paths.free_path import FreePath
@@ -34,68 +32,19 @@ ARMS: tuple[tuple[str, dict[str, Any], int], ...] = (
     ("panda", {"turn": 1.5, "tilt": 0.4}, 5),
 )  # fmt: skip
 """Arm, freedoms beside its elbow, and boxes."""
-LIMITS, TOLERANCE = MotionLimits(velocity=2.0, acceleration=10.0, jerk=100.0), (1e-4, 1e-4)
-ROOM, REGULAR = 0.005, 0.02
-"""Least clearance [m] and least singular value of the known motion."""
-
-
-def draw_boxes(rng: np.random.Generator, count: int) -> optik.Scene:
-    boxes = []
-    for _ in range(count):
-        T, angle, radius = np.eye(4), rng.uniform(-np.pi, np.pi), rng.uniform(0.35, 0.8)
-        T[:3, :3] = Rotation.from_quat(rng.normal(size=4)).as_matrix()
-        T[:3, 3] = radius * np.cos(angle), radius * np.sin(angle), rng.uniform(0.1, 0.9)
-        boxes.append((T, tuple(rng.uniform(0.08, 0.25, 3))))
-    return optik.Scene(boxes=boxes)
-
-
-def draw_motion(robot: optik.Robot, rng: np.random.Generator, count: int) -> tuple[optik.Scene, Array]:
-    """Return boxes and a joint motion (POSES, n) that is free of contact and regular."""
-    while True:
-        scene = draw_boxes(rng, count)
-        q = 0.9 * robot.limits.sample(rng, 400) + 0.1 * robot.limits.middle
-        q = q[find_nearest_pairs(robot, scene, q)[0] > 2.0 * ROOM]
-        for _ in range(30 if len(q) >= 20 else 0):
-            way = [q[rng.integers(len(q))]]
-            for _ in range(3):
-                away = np.linalg.norm(q - way[-1], axis=1)
-                near = q[(away > 0.8) & (away < 2.5)]
-                if not len(near):
-                    break
-                way.append(near[rng.integers(len(near))])
-            if len(way) < 4:
-                continue
-            u = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(way, axis=0), axis=1)))
-            x = CubicSpline(u, way, bc_type="natural")(np.linspace(0.0, u[-1], POSES))
-            free_of = find_nearest_pairs(robot, scene, x)[0].min() > ROOM
-            if robot.limits.contains(x).all() and free_of and robot.singular_values(x)[:, -1].min() > REGULAR:
-                return scene, x
+LIMITS = MotionLimits(velocity=2.0, acceleration=10.0, jerk=100.0)
 
 
 def draw(case: int) -> Iterator[tuple[optik.Robot, optik.Scene, Any, FreeWay]]:
     """Yield arm, scene, the seam with its freedoms, and the known motion along it."""
     name, freedoms, count = ARMS[case % len(ARMS)]
-    robot, rng = optik.load(name), np.random.default_rng([SEED, case])
-    while True:
-        scene, x = draw_motion(robot, rng, count)
-        poses, f = robot.fk(x), np.zeros((POSES, 3))
-        wave = rng.uniform(1.0, 3.0) * np.linspace(0.0, 2.0 * np.pi, POSES) + rng.uniform(0.0, 6.0)
-        f[:, 0] = 0.9 * freedoms.get("turn", 0.0) * np.sin(wave)
-        round_about = np.linspace(0.0, 4.0, POSES)
-        f[:, 1:] = 0.8 * freedoms.get("tilt", 0.0) * np.column_stack([np.cos(round_about), np.sin(round_about)])
-        move = Rotation.from_euler("ZXY", f).as_matrix()
-        poses[:, :3, :3] = poses[:, :3, :3] @ np.swapaxes(move, 1, 2)
-        try:
-            path = Polyline(poses, blend=1e-3)
-        except InvalidInput:
-            continue  # a reversal
-        s = np.linspace(0.0, path.end, 4 * POSES)
+    robot = optik.load(name)
+    for scene, path, q, f in draw_seams(robot, np.random.default_rng([SEED, case]), count, POSES, freedoms):
+        s = np.linspace(0.0, path.end, 4 * POSES)[::16]
         # the place of each pose: the polyline's own length up to it
-        step = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
+        step = np.linalg.norm(np.diff(robot.fk(q)[:, :3, 3], axis=0), axis=1)
         at = np.append(0.0, np.cumsum(step)) * path.end / step.sum()
-        columns = {"turn": [0], "tilt": [1, 2]}
-        own = f[:, [i for kind in freedoms for i in columns[kind]]]
-        known = FreeWay(s[::16], CubicSpline(at, x)(s[::16]), CubicSpline(at, own)(s[::16]) if own.size else own[::4])
+        known = FreeWay(s, CubicSpline(at, q)(s), CubicSpline(at, f)(s) if f.size else f[: len(s)])
         yield robot, scene, free(path, **freedoms) if freedoms else path, known
 
 

@@ -14,7 +14,7 @@ from optik.errors import InvalidInput
 from optik.types import Array
 from planners import Line, MotionLimits, PlanStatus, Polyline, ProgramPlan, follow, free, plan
 from planners.following.resolve.extend import columns_of, extend
-from planners.following.resolve.graph import Graph
+from planners.following.resolve.graph import Graph, join
 from planners.following.resolve.nodes import Layer, Sampler
 from planners.freedom.base import Freedom
 from planners.paths.base import Path
@@ -160,6 +160,18 @@ def test_the_cheapest_sequence_is_that_of_enumeration(seed: int, cuts: int) -> N
     alone = [reached[K - 1, j] for j in range(N) if (K - 1, j) in reached]
     if alone:
         assert stuck is None and graph.costs[-1].min() == pytest.approx(min(c for _, c in alone))
+
+
+def test_an_edge_stays_forbidden_where_layers_grow() -> None:
+    sampler = Given([np.full((1, 6), 0.1), np.full((1, 6), 0.3)], [np.zeros(1)] * 2)
+    path = Line(sampler.arm.fk(np.full(6, 0.1)), optik.se3.pose(p=[0.4, 0.1, 0.5]))
+    graph = Graph(sampler, path, np.array([0.0, path.end]), 1, np.zeros(6))
+    graph._forbid([(1, 0, 0)])
+    assert graph._solve(0) == 1
+    for k in (0, 1):  # as an inserted layer does to its neighbours
+        graph.layers[k] = join(graph.layers[k], Layer(np.full((2, 6), 0.5), np.ones(2), np.ones(2), np.zeros(2)))
+    assert graph._solve(0) is None
+    assert graph.before[1][0] > 0
 
 
 def test_values_on_the_circle_are_wound_and_unwound() -> None:

@@ -193,9 +193,7 @@ class Graph:
                 if self.near is not None:
                     cost = cost + np.linalg.norm(layer.q - self.near, axis=1)
             else:
-                cost, before = self._find_edges(
-                    k - 1, self.costs[-1], k, self.forbidden.get(k, np.zeros((0, 0), np.bool_))
-                )
+                cost, before = self._find_edges(k - 1, self.costs[-1], k, self._forbidden_of(k))
                 cost = cost + layer.costs / K
             cut = np.full(len(layer.q), -1)
             if cuts and k and len(cost) and np.isfinite(cost).any():
