@@ -16,6 +16,7 @@ from planners.certificate.sections import find_stops
 from planners.limits import MotionLimits, sides
 from planners.motion.motion import HasMotion, Motion, get_motion
 from planners.paths.base import Path
+from planners.paths.free_path import FreePath
 from planners.paths.joint_curve import JointCurve
 from planners.paths.point_to_point import PointToPoint
 from planners.paths.program import ProgramPath
@@ -59,7 +60,7 @@ def show_motion(motion: Motion | HasMotion) -> Show:
         proof = found.certify()
     title, path = f"{found.robot.name}: {found.law or 'a motion'}", sample_path(found.path)
     shown = show_trajectory(found.robot, found.trajectory, proof, found.limits, found.scene)
-    facts = (*motion_facts(found), *_program_facts(found), *shown.facts)
+    facts = (*motion_facts(found), *_freedom_facts(found.path), *_program_facts(found), *shown.facts)
     at = [event.t for event in found.events]
     events = found.robot.fk(found.trajectory(np.array(at)))[:, :3, 3] if at else None
     before = sample_first_way(found.path)
@@ -126,6 +127,16 @@ def sample_zones(path: Path) -> tuple[Array, ...]:
 
 
 # ---------------------------------------------------------------- facts
+
+
+def _freedom_facts(path: Path) -> tuple[tuple[str, str], ...]:
+    """Return the values that the freedoms of a path have, as rows."""
+    rows = []
+    for one in path.ranges if isinstance(path, FreePath) else ():
+        factor, unit = (180.0 / np.pi, "°") if one.unit == "rad" else (1e3, " mm")
+        low, high = (f"{factor * x:.3g}" for x in one.reached)
+        rows.append((f"Free {one.name}", f"{low} to {high}{unit}"))
+    return tuple(rows)
 
 
 def _program_facts(motion: Motion) -> tuple[tuple[str, str], ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -57,6 +57,7 @@ class Options(NamedTuple):
     tolerance: Tolerance
     scene: Scene | None
     winding: str
+    search: Mapping[str, Any]
 
 
 class Leg(NamedTuple):
@@ -185,7 +186,9 @@ class PartFollower:
         share = options.tolerance.scale(0.5 * FOLLOWED)
         samples = min(options.samples, MOST_SAMPLES_A_PART)
         solver = get_solver(robot, options.solver)
-        return follow(solver, path, q, branch=branch, samples=samples, tolerance=share, scene=options.scene)
+        return follow(
+            solver, path, q, branch=branch, samples=samples, tolerance=share, scene=options.scene, **options.search
+        )
 
     def _follow_part(self, k: int, q: Array | None, chosen: Array | None) -> Leg | FailedPart:
         """Return a part followed from a configuration; `chosen` is the one of its goal, or of its start if there is none."""

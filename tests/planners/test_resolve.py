@@ -17,6 +17,7 @@ from planners.following.resolve.extend import columns_of, extend
 from planners.following.resolve.graph import Graph, join
 from planners.following.resolve.nodes import Layer, Sampler
 from planners.freedom.base import Freedom
+from planners.motion.show import show_motion
 from planners.paths.base import Path
 from planners.paths.free_path import FreePath
 from planners.paths.stretch import Stretch
@@ -208,6 +209,7 @@ def test_a_line_from_a_held_start_is_planned_and_locally_refused() -> None:
     np.testing.assert_allclose(found.trajectory(0.0), q, atol=1e-9)
     assert "resolved: 25 layers" in str(found)
     assert found.to_dict()["resolution"]["layers"] == 25
+    assert dict(show_motion(found).facts)["Free turn"].endswith("°")
     # the tool stays on the given line, its axis within the cone
     at = found.trajectory(np.linspace(0.0, found.trajectory.duration, 300))
     tool, line = robot.fk(at), goal[:3, 3] - robot.fk(q)[:3, 3]
