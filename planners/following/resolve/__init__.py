@@ -107,6 +107,11 @@ def resolve(
 def _explain(sampler: Sampler, path: Path, stuck: tuple[float, float]) -> tuple[str, bool]:
     """Return why no configuration goes on between two positions, and whether there are some at the second one."""
     a, b = stuck
+    if perf_counter() > sampler.deadline:
+        return (
+            f"the search among all configurations was not finished within its time limit at s = {b:.6g} {path.unit}",
+            True,
+        )
     found = sampler.draw(path.pose(b)[None], EXPLAINING_DRAWS)[0]
     touching = found[sampler.rooms(found) <= 0.0]
     at = f"that were found at s = {b:.6g}"

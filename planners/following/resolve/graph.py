@@ -112,6 +112,9 @@ class Graph:
         self.forbidden: dict[int, Flags] = {}
         self.failed = Counter[int]()
         self.inserted = self.rounds = 0
+        self.costs: list[Array] = []
+        self.before: list[Indices] = []
+        self.cut: list[Indices] = []
         self.held = start is not None
         if sampler.redundant:
             ahead = [(k - 1, k, True) for k in range(1, len(s))]
@@ -181,13 +184,17 @@ class Graph:
 
     # ------------------------------------------------------------ sequences
 
-    def _solve(self, cuts: int) -> int | None:
-        """Find the least costs of all configurations by dynamic programming; return the layer that none reaches, or None."""
+    def _solve(self, cuts: int, since: int = 0) -> int | None:
+        """Find the least costs of all configurations by dynamic programming; return the layer that none reaches, or None.
+
+        Those of layers before `since` are known.
+        """
         K = len(self.layers)
-        self.costs: list[Array] = []
-        self.before: list[Indices] = []
-        self.cut: list[Indices] = []
+        for known in (self.costs, self.before, self.cut):
+            del known[since:]
         for k, layer in enumerate(self.layers):
+            if k < len(self.costs):
+                continue
             if k == 0:
                 cost, before = layer.costs / K, np.full(len(layer.q), -1)
                 if self.near is not None:
@@ -273,18 +280,20 @@ class Graph:
         Where no configuration goes on, layers are inserted, down to a least spacing. If there is still none, the sequences end
         there, and the positions between which none goes on are returned, too. Only the edges of the answers are followed.
         """
-        further = 0
+        further = since = 0
         for _ in range(MOST_ROUNDS if np.isfinite(least) else FEW_ROUNDS):
             self.rounds += 1
             late, gap = perf_counter() > self.sampler.deadline, None
             often = [k for k, times in self.failed.items() if times >= OFTEN and self.s[k] - self.s[k - 1] >= least]
             if often and not late:
                 self._insert(often[0])
-            stuck = self._solve(cuts)
+                since = 0
+            stuck = self._solve(cuts, since)
             if stuck is not None:
                 gap = float(self.s[max(stuck - 1, 0)]), float(self.s[stuck])
                 if stuck and gap[1] - gap[0] >= least and not late:
                     self._insert(stuck)
+                    since = 0
                     continue
             found, wrong = list[list[Sequence]](), list[tuple[int, int, int]]()
             for _, end in zip(range(count), self._ends() if stuck != 0 else (), strict=False):
@@ -295,6 +304,7 @@ class Graph:
                     found.append([self.sequence(part) for part in parts])
             further += bool(found)
             if (found and (not wrong or further > MORE_ROUNDS)) or stuck == 0 or late:
-                return found, gap
+                return found, gap or (None if found else (0.0, self.path.end))
             self._forbid(wrong)
+            since = min(k for k, _, _ in wrong)
         return [], (0.0, self.path.end)
