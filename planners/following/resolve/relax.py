@@ -9,10 +9,10 @@ from planners.following.resolve.graph import Sequence
 from planners.following.resolve.nodes import Sampler
 from planners.paths.base import Path
 
-SWEEPS, MOVED = 60, 1e-3
+SWEEPS, MOVED = 120, 3e-4
 """Most sweeps, and the largest motion of a joint [rad, m] in a sweep that ends them."""
-WANTED_ROOM = 0.02
-"""Room [m] up to which a configuration's own may not become less."""
+WANTED_ROOM, KEPT_ROOM = 0.02, 0.5
+"""A configuration keeps this room [m], or this fraction of the room that it has at first."""
 REGULAR = 0.02
 """Smallest singular value up to which a configuration's own may not become less [m, 1]."""
 LIMITS_PUSH, INSIDE = 0.02, 0.02
@@ -34,6 +34,7 @@ def relax(sampler: Sampler, path: Path, given: Sequence, *, held: bool, caution:
     poses, rooms, step, K = np.ascontiguousarray(path.pose(s)), sampler.rooms(q), np.ones(len(q)), len(q)
     pad = INSIDE * (1 + caution) * np.where(limits.bounded, limits.half, 0.0)
     push, wanted = LIMITS_PUSH * 3.0**caution, WANTED_ROOM * (1 + caution)
+    floor = np.minimum(KEPT_ROOM * rooms, wanted)
 
     def outside(x: Array) -> Array:
         return np.maximum(np.maximum(limits.lower + pad - x, x - limits.upper + pad), 0.0)
@@ -50,7 +51,7 @@ def relax(sampler: Sampler, path: Path, given: Sequence, *, held: bool, caution:
             on, ok = sampler.project_slowly(q[k] + to - push * limits.normalise(q[k]) ** 7, poses[k])
             room = np.full(len(k), -1.0)
             room[ok] = sampler.rooms(on[ok])
-            ok &= (room > 0.0) & (room >= np.minimum(rooms[k], wanted))
+            ok &= (room > 0.0) & (room >= floor[k])
             ok &= (np.abs(on - q[k]).max(axis=1) < LONGEST_MOVE) & (outside(on) <= outside(q[k]) + 1e-12).all(axis=1)
             sigma_on, sides_on = sampler.regularity(on)
             ok &= (sides_on == sides[k]) & (sigma_on >= np.minimum(sigma[k], regular))
