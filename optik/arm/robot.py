@@ -383,7 +383,7 @@ class Robot(ArmDynamics):
         shape = (*q.shape[:-1], 4, 4)
         poses = real_array(targets, "targets", "poses (4, 4) or (..., 4, 4)")
         try:
-            goal = np.ascontiguousarray(np.broadcast_to(poses, shape)).reshape(-1, 4, 4)
+            goal = np.array(np.broadcast_to(poses, shape), order="C").reshape(-1, 4, 4)
         except ValueError:
             raise InvalidInput("targets", f"shape {poses.shape}", f"poses of shape (4, 4) or {shape}") from None
         out = np.empty((*q.shape[:-1], 6))

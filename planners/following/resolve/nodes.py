@@ -138,7 +138,9 @@ class Sampler:
     def project(self, q: Array, poses: Array, steps: int = 8) -> tuple[Array, Flags]:
         """Return configurations moved onto poses by steps of least norm, and which of them arrive and are allowed."""
         q = np.array(q, order="C")
-        poses = np.ascontiguousarray(np.broadcast_to(poses, (len(q), 4, 4)))
+        poses = np.array(
+            np.broadcast_to(poses, (len(q), 4, 4)), order="C"
+        )  # writable, as in all other calls of the kernel
         if not len(q):
             return q, np.zeros(0, np.bool_)
         newton.polish_batch(self.arm.chain, q, poses, steps)
