@@ -96,17 +96,12 @@ def demo() -> None:
 
 
 def chains() -> None:
-    """Solve single targets and batches for arms of four to ten joints, because each number of joints has its own kernels.
-
-    Arms of nine and ten joints are those with freedoms, which need batches only.
-    """
-    for n in range(4, 11):
+    """Solve single targets and batches for arms of four to nine joints, because each number of joints has its own kernels."""
+    for n in range(4, 10):
         limits = optik.JointLimits(np.full(n, -3.0), np.full(n, 3.0))
         robot, q0 = optik.Robot.from_mdh([optik.DHRow(a=0.1, alpha=1.0, d=0.1)] * n, limits), np.full(n, 0.5)
         target = robot.fk(q0 + 0.1)
-        if n < 9:
-            optik.solve_ik(robot, target, q0)
-        optik.solve_ik_batch(robot, np.array([target] * 40), q0)
+        optik.solve_ik(robot, target, q0), optik.solve_ik_batch(robot, np.array([target] * 40), q0)
 
 
 def pages() -> None:
