@@ -91,25 +91,30 @@ def plan(
     """
     given, search = (tolerance, rate, scene, allow, avoid, winding), {"resolve": resolve, "time_limit": time_limit}
     own = solver, timing, limits, samples, branch, duration, strict, search
-    if isinstance(path, Program):
-        return _plan_program(robot, path, q_start, own=own, given=given)
     check_count(reconfigurations, "reconfigurations", 0)
+    if isinstance(path, Program) and not reconfigurations:
+        return _plan_program(robot, path, q_start, own=own, given=given)
     return _plan_path(robot, path, q_start, own, given, reconfigurations)
 
 
 def _plan_path(
-    robot: Robot, path: Path | ArrayLike, q_start: ArrayLike | None, own: tuple[Any, ...], given: tuple[Any, ...], most: int
+    robot: Robot, path: Path | Program | ArrayLike, q_start: ArrayLike | None, own: tuple[Any, ...], given: tuple[Any, ...],
+    most: int,
 ) -> Plan:  # fmt: skip
     """Return the plan along one path, with at most so many reconfigurations."""
+    if isinstance(path, Program):
+        raise InvalidInput("reconfigurations", most, "0 for a program: plan the path of a part alone")
     (solver, timing, limits, samples, branch, duration, strict, search), seconds = own, read_time_limit(**own[-1])
     request = _build_request(robot, path, q_start, solver, timing, limits, given)
     found = MotionPlanner(*request, samples, _check_options(duration, strict), seconds).run(q_start, branch, duration)
-    if found or seconds == 0.0 or not isinstance(path, Path):
+    seconds -= 0.0 if found.resolution is None else found.resolution.seconds
+    if found or seconds <= 0.0:
         return found
     q, held = None if q_start is None else check_start(robot, q_start, "q_start"), branch != "best"
     without = solver, timing, limits, samples, None, duration, strict, search
     program = partial(_plan_program, robot, own=without, given=(*given[:4], False, given[5]))
-    return reconfigure(found, path, q, q is not None and held, most, seconds, program)
+    given_path = path if isinstance(path, Path) else found.path
+    return reconfigure(found, given_path, q, q is not None and held, most, seconds, program)
 
 
 def _check_options(duration: float | None, strict: bool) -> bool:

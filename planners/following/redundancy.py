@@ -68,14 +68,15 @@ def find_null_space_motions(
         found, done = resolve(sampler, path, many=many, count=CHOICES, start=q if held else None, near=q)
         if made is not None:
             made.append(done)
-        motions = [
+        motions = (
             NullSpaceMotion(
                 robot, path, *(parts[-1] if rooms is None else relax(sampler, path, parts[-1], held=held)), held=held,
                 rooms=rooms, smooth=rooms is None,
             )
             for parts in found
-        ]  # fmt: skip
-        yield from sorted(motions, key=lambda motion: (-motion.s[-1], motion.length))
+        )  # fmt: skip
+        # A relaxation among obstacles takes long, so the cheapest sequence is first; else that with the shortest motion.
+        yield from motions if rooms is not None else sorted(motions, key=lambda motion: (-motion.s[-1], motion.length))
 
 
 class NullSpaceMotion:

@@ -15,7 +15,7 @@ from optik.ik.problem import check_start
 from optik.scene import Scene
 from optik.types import Array
 from planners.certificate.certification import certify
-from planners.choice.choose import FreedomResult, report
+from planners.choice.choose import report, report_fixed
 from planners.choice.first_paths import DEFAULT_SEARCH, advise_elbow
 from planners.choice.ways import DENSITIES, FEW_SEGMENTS, choose_path, choose_way
 from planners.following.collision import CollisionCheck
@@ -79,8 +79,8 @@ class MotionPlanner:
             found = planner._avoid(path, followed, ways, held)
         else:
             found = choose_path(planner, path, followed, self.request.scene, ways, held=held)
-        if planner is not self and found.freedom is not None and isinstance(path, FreePath):
-            found = self._time_again(found, found.freedom, path, followed)
+        if planner is not self and isinstance(path, FreePath):
+            found = self._time_again(found, path, followed)
         if isinstance(path, FreePath | PointToPoint):
             density = DENSITIES[-1] if around else 1.0
             found = replace(self._finish(found, duration, density), freedom=found.freedom, search=found.search)
@@ -126,10 +126,8 @@ class MotionPlanner:
         time_limit: float | None = None,
     ) -> FollowResult:  # fmt: skip
         """Return the joint path along a path, by the sequence of its resolution if there is one."""
-        allowed, seconds = (
-            self.request.tolerance.scale(PATH_FRACTION),
-            self.time_limit if time_limit is None else time_limit,
-        )
+        allowed = self.request.tolerance.scale(PATH_FRACTION)
+        seconds = self.time_limit if time_limit is None else time_limit
         return make_follower(self.solver, path, q, branch, self.samples, allowed, scene, seconds, way).run()
 
     def time(
@@ -185,24 +183,24 @@ class MotionPlanner:
             limits = replace(limits, **speed)
         return replace(self, request=replace(self.request, law=Optimal(), limits=limits))
 
-    def _time_again(self, chosen: Plan, freedom: FreedomResult, path: FreePath, followed: FollowResult) -> Plan:
+    def _time_again(self, chosen: Plan, path: FreePath, followed: FollowResult) -> Plan:
         """Return the shorter motion of this planner's law along the initial path and along the chosen one."""
-        first = self.time(path, followed, None)[0]
-        if not chosen or freedom.gain == 0.0:
-            return replace(first, freedom=freedom) if first else chosen
+        first, freedom = self.time(path, followed, None)[0], chosen.freedom
+        if not chosen or freedom is None or (freedom.gain == 0.0 and first):
+            if first.has_motion:
+                freedom = freedom if chosen else report_fixed(path, first)
+            failure = advise_elbow(first.failure, path, self.request.robot) if chosen.search else first.failure
+            return replace(first, freedom=freedom if first.has_motion else None, search=chosen.search, failure=failure)
         found = self.time(chosen.path, FollowResult(chosen.joint_path, None), None)[0]
         if first and not (found and found.trajectory.duration < first.trajectory.duration):
-            what = (
-                "the initial path: its motion takes less time with this law than that of the path that optimal chooses"
-            )
-            return replace(first, freedom=report(path, first.trajectory.duration, first, what))
+            what = "the initial path: with this law it takes less time than the path that optimal chooses"
+            return replace(first, freedom=report(path, first.trajectory.duration, first, what), search=chosen.search)
         if not found:
             return found
-        before = first if first else found
         assert isinstance(found.path, FreePath)
-        return replace(
-            found, freedom=report(found.path, before.trajectory.duration, found, "chosen by the law optimal")
-        )
+        before = (first if first else found).trajectory.duration
+        made = report(found.path, before, found, "chosen by the law optimal")
+        return replace(found, freedom=made, search=chosen.search)
 
     def _finish(self, found: Plan, duration: float | None, density: float = 1.0) -> Plan:
         """Return a plan along a chosen path with the requested duration, if it meets its via points."""

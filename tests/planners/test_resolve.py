@@ -12,9 +12,11 @@ import optik
 from optik import Robot, Scene
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners import Line, MotionLimits, PlanStatus, Polyline, ProgramPlan, follow, free, plan
+from planners import Line, MotionLimits, Part, PlanStatus, Polyline, Program, ProgramPlan, follow, free, plan
+from planners.following.failure import FollowStatus, PlanFailure
+from planners.following.resolve import Resolution, resolve
 from planners.following.resolve.extend import columns_of, extend
-from planners.following.resolve.graph import Graph, join
+from planners.following.resolve.graph import Graph, find_edges, join
 from planners.following.resolve.nodes import Layer, Sampler
 from planners.freedom.base import Freedom
 from planners.motion.show import show_motion
@@ -144,7 +146,17 @@ def test_the_cheapest_sequence_is_that_of_enumeration(seed: int, cuts: int) -> N
         if stuck is None:
             assert graph.costs[-1].min() == pytest.approx(best)
         return
-    # with cuts: fewest first, over all places and configurations of cuts
+    # The fewest reconfigurations to each configuration, over all places and configurations of cuts.
+    fewest = np.zeros(N)
+    for k in range(1, K):
+        linked = np.abs(layers[k][None] - layers[k - 1][:, None]).max(axis=2) <= 0.7
+        own = np.where(linked, fewest[:, None], np.inf).min(axis=0)
+        fewest = np.minimum(own, own.min() + 1.0)
+    least = fewest.min()
+    assert (stuck is None) == (least <= cuts)
+    if stuck is None:
+        assert graph.costs[-1].min() // 1e6 == least
+        assert len(graph._trace(int(graph.costs[-1].argmin()))) == least + 1
     reached = {(0, i): (0, costs[0][i] / K) for i in range(N)}
     for k in range(K):
         if k:
@@ -173,6 +185,44 @@ def test_an_edge_stays_forbidden_where_layers_grow() -> None:
         graph.layers[k] = join(graph.layers[k], Layer(np.full((2, 6), 0.5), np.ones(2), np.ones(2), np.zeros(2)))
     assert graph._solve(0) is None
     assert graph.before[1][0] > 0
+
+
+def test_edges_are_those_of_a_plain_search() -> None:
+    rng, weights = np.random.default_rng(5), np.array([1.0, 0.3, 2.0])
+    circle = np.array([True, False, True])
+    for _ in range(20):
+        a, b = rng.uniform(-np.pi, np.pi, (40, 3)), rng.uniform(-np.pi, np.pi, (30, 3))
+        b[:15] = a[:15] + rng.uniform(-0.8, 0.8, (15, 3)) + 2.0 * np.pi * circle * rng.integers(-1, 2, (15, 3))
+        b = np.where(circle, b - 2.0 * np.pi * np.round(b / (2.0 * np.pi)), b)
+        costs, sides, forbidden = rng.uniform(0.0, 1.0, 40), rng.choice((-1.0, 1.0), 70), rng.random((40, 30)) < 0.2
+        total, best = np.empty(30), np.empty(30, np.int64)
+        window = np.tile([0, 40], (30, 1))
+        find_edges((a, costs, sides[:40]), b, sides[40:], (weights, circle), forbidden, window, total, best)
+        d = b[None] - a[:, None]
+        d = np.abs(np.where(circle, d - 2.0 * np.pi * np.round(d / (2.0 * np.pi)), d))
+        may = (d.max(axis=2) <= 0.7) & (sides[:40, None] == sides[None, 40:]) & ~forbidden
+        each = np.where(may, costs[:, None] + (weights * d * d).sum(axis=2), np.inf)
+        np.testing.assert_allclose(total, each.min(axis=0))
+        assert (best == np.where(np.isfinite(each.min(axis=0)), each.argmin(axis=0), -1)).all()
+        assert np.isfinite(total).sum() >= 3
+
+
+def test_an_edge_that_passes_an_obstacle_is_not_followed(monkeypatch: pytest.MonkeyPatch) -> None:
+    layers = [np.zeros((1, 6)), np.full((1, 6), 0.4)]
+    sampler = Given(layers, [np.zeros(1), np.zeros(1)])
+    path = Line(sampler.arm.fk(layers[0][0]), optik.se3.pose(p=[0.4, 0.1, 0.5]))
+    graph = Graph(sampler, path, np.array([0.0, path.end]), 1, np.zeros(6))
+    assert graph._check([(0, 0), (1, 0)]) == []
+    monkeypatch.setattr(sampler, "rooms", lambda q: np.where(np.abs(q[:, 0] - 0.2) < 0.01, -1.0, 1.0))
+    assert graph._check([(0, 0), (1, 0)]) == [(1, 0, 0)]
+
+
+@pytest.mark.parametrize("reached", [True, False])
+def test_a_place_where_configurations_are_is_not_called_unreachable(reached: bool) -> None:
+    before = PlanFailure(FollowStatus.UNREACHABLE, 0.1, None, "first", "")
+    failure = Resolution(25, 9, 0, 1, 0.1, (0.1, 0.2), (), "second", reached).explain(before)
+    assert failure.status == (FollowStatus.NO_PATH_FOUND if reached else FollowStatus.UNREACHABLE)
+    assert failure.reason == "first; second"
 
 
 def test_values_on_the_circle_are_wound_and_unwound() -> None:
@@ -218,6 +268,46 @@ def test_a_line_from_a_held_start_is_planned_and_locally_refused() -> None:
     assert np.abs(away - along[:, None] * line).max() <= 1e-5
     axis = Rotation.from_matrix(tool[:, :3, :3]).apply([0.0, 0.0, 1.0])
     assert np.arccos(np.clip(axis @ goal[:3, 2], -1.0, 1.0)).max() <= 0.6 + 1e-5
+
+
+def test_a_held_start_keeps_its_windings() -> None:
+    """Also where the values of a joint are searched on the circle: the motion begins where the arm stands."""
+    robot, solved = optik.load("ur5e"), 0
+    q = np.array([-4.0, -1.9, 2.0, -1.5, 1.4, 4.5])
+    for step in (
+        [0.4, 0.0, 0.0],
+        [0.0, 0.4, 0.1],
+        [-0.3, 0.1, 0.3],
+        [0.1, -0.4, 0.2],
+        [0.2, 0.3, -0.3],
+        [-0.4, 0.0, -0.1],
+    ):
+        goal = robot.fk(q)
+        goal[:3, 3] += step
+        turned = goal.copy()
+        turned[:3, :3] = turned[:3, :3] @ Rotation.from_euler("z", 1.4).as_matrix()
+        sampler = Sampler(robot, robot, Line(robot.fk(q), turned), None, 10.0)
+        found, made = resolve(sampler, Line(robot.fk(q), turned), many=False, start=q)
+        if made.stuck is None:
+            solved += 1
+            np.testing.assert_allclose(found[0][0].q[0], q, atol=1e-12)
+            assert np.abs(np.diff(found[0][0].q, axis=0)).max() < 1.0
+    assert solved >= 2
+
+
+def test_a_failure_with_another_law_names_this_law() -> None:
+    robot, q = optik.load("paper6r"), np.deg2rad([20, -35, 40, 25, 50, -30])
+    goal = robot.fk(q)
+    goal[:3, 3] += [2.0, 0.0, 0.0]
+    found = plan(robot, free(Line(robot.fk(q), goal), turn=1.0), q, limits=LIMITS, timing="smooth")
+    assert not found and found.law == "smooth" and found.limits is LIMITS
+
+
+def test_a_program_refuses_reconfigurations() -> None:
+    robot = optik.load("ur5e")
+    q = np.array([0.4, -1.2, 1.6, -1.0, -1.3, 0.2])
+    with pytest.raises(InvalidInput, match="reconfigurations"):
+        plan(robot, Program([Part(q + 0.1)]), q, limits=LIMITS, reconfigurations=1)
 
 
 @pytest.mark.parametrize("case", [0, 1, 2, 3])

@@ -69,7 +69,9 @@ class Resolution(NamedTuple):
     def __str__(self) -> str:
         at = f" at s = {', '.join(f'{s:.4g}' for s in self.cuts)}"
         count = "no reconfiguration" if not self.cuts else f"reconfigurations: {len(self.cuts)},{at}"
-        return f"  resolved: {self.layers} layers, {self.nodes} configurations, {count}, {self.seconds:.2g} s"
+        count = count if self.stuck is None else f"none goes on at s = {self.stuck[1]:.4g}"
+        what = "resolved" if self.stuck is None else "searched"
+        return f"  {what}: {self.layers} layers, {self.nodes} configurations, {count}, {self.seconds:.2g} s"
 
 
 def spread_layers(path: Path, least: int, most: int) -> Array:
@@ -108,10 +110,7 @@ def _explain(sampler: Sampler, path: Path, stuck: tuple[float, float]) -> tuple[
     """Return why no configuration goes on between two positions, and whether there are some at the second one."""
     a, b = stuck
     if perf_counter() > sampler.deadline:
-        return (
-            f"the search among all configurations was not finished within its time limit at s = {b:.6g} {path.unit}",
-            True,
-        )
+        return "the search among all configurations was not finished within its time limit", True
     found = sampler.draw(path.pose(b)[None], EXPLAINING_DRAWS)[0]
     touching = found[sampler.rooms(found) <= 0.0]
     at = f"that were found at s = {b:.6g}"

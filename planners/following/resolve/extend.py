@@ -32,14 +32,8 @@ def extend(robot: Robot, freedoms: tuple[tuple[Freedom, Bounds], ...]) -> Robot:
     """
     if not freedoms:
         return robot
-    fixed, tool, prismatic, lower, upper, labels = (
-        [],
-        robot.tool,
-        list[bool](),
-        list[float](),
-        list[float](),
-        list[str](),
-    )
+    tool, fixed, prismatic, labels = robot.tool, list[Array](), list[bool](), list[str]()
+    lower, upper = list[float](), list[float]()
     for kind, (low, high) in reversed(freedoms):
         for i, screw in reversed(list(enumerate(np.array(kind.screws)))):
             frame, slides = _joint_frame(screw)

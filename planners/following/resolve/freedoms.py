@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from time import perf_counter
 from typing import NamedTuple
 
 import numpy as np
@@ -98,6 +99,8 @@ class Resolver:
         assert isinstance(self.path, FreePath)
         for caution in range(MOST_CAUTION):
             for sequence, way in zip(found, ways, strict=True):
+                if caution and perf_counter() > self.sampler.deadline:
+                    return
                 chosen = self.relax(sequence, caution) if caution else way
                 for factor in MORE_COEFFICIENTS if self.path.counts_itself else (1.0,):
                     count = int(factor * self.path.spline.count)

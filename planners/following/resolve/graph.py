@@ -99,7 +99,7 @@ class Graph:
     def __init__(
         self, sampler: Sampler, path: Path, s: Array, draws: int, start: Array | None = None, near: Array | None = None
     ) -> None:
-        self.sampler, self.path, self.s, self.draws, self.near = sampler, path, s, draws, near
+        self.sampler, self.path, self.s, self.draws, self.start, self.near = sampler, path, s, draws, start, near
         self.poses = np.ascontiguousarray(path.pose(s))
         drawn = sampler.draw(self.poses, draws)
         if start is not None:
@@ -133,10 +133,8 @@ class Graph:
         half, ok = sampler.project(q, self.path.pose(np.array([0.5 * (self.s[a] + self.s[b])])))
         q, half = q[ok], half[ok]
         if spread:
-            q, half = (
-                np.tile(q, (2, 1)),
-                np.concatenate([half, half + DISTURBANCE * sampler.rng.standard_normal(half.shape)]),
-            )
+            disturbed = half + DISTURBANCE * sampler.rng.standard_normal(half.shape)
+            q, half = np.tile(q, (2, 1)), np.concatenate([half, disturbed])
         on, ok = sampler.project(half, self.poses[b])
         ok &= np.abs(on - q).max(axis=1, initial=0.0) <= LARGEST_EDGE
         self.layers[b] = join(self.layers[b], sampler.judge(sampler.wind(on[ok])))
@@ -198,7 +196,7 @@ class Graph:
             if k == 0:
                 cost, before = layer.costs / K, np.full(len(layer.q), -1)
                 if self.near is not None:
-                    cost = cost + np.linalg.norm(layer.q - self.near, axis=1)
+                    cost = cost + np.linalg.norm(self.sampler.wind(layer.q - self.near), axis=1)
             else:
                 cost, before = self._find_edges(k - 1, self.costs[-1], k, self._forbidden_of(k))
                 cost = cost + layer.costs / K
@@ -253,9 +251,8 @@ class Graph:
 
     def sequence(self, part: list[tuple[int, int]]) -> Sequence:
         """Return the configurations of a sequence, without jumps of a turn."""
-        return Sequence(
-            self.s[[k for k, _ in part]], self.sampler.unwind(np.array([self.layers[k].q[i] for k, i in part]))
-        )
+        q = np.array([self.layers[k].q[i] for k, i in part])
+        return Sequence(self.s[[k for k, _ in part]], self.sampler.unwind(q, None if part[0][0] else self.start))
 
     def _forbid(self, edges: list[tuple[int, int, int]]) -> None:
         """Forbid edges, and those that are nearly the same."""

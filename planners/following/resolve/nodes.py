@@ -84,21 +84,23 @@ class Sampler:
         typical = np.median(self.slowness[known & real]) if (known & real).any() else 1.0
         weights = np.where(real, np.where(known, (self.slowness / typical) ** 2, 1.0), FREEDOM_WEIGHT)
         self.weights: Array = np.maximum(weights, LEAST_WEIGHT)
-        self._solver.solve_batch(
-            arm.fk(limits.middle[None]), limits.middle[None], threads=1
-        )  # compiles its kernel, if it must
+        # A kernel that is not compiled yet takes half a minute, which does not count.
+        self._solver.solve_batch(arm.fk(limits.middle[None]), limits.middle[None], threads=1)
         self.deadline = perf_counter() + time_limit
 
     def wind(self, q: Array) -> Array:
         """Return configurations with the values of turning joints in [−π, π] where these are on the circle."""
         return np.ascontiguousarray(np.where(self.circle, q - 2.0 * np.pi * np.round(q / (2.0 * np.pi)), q))
 
-    def unwind(self, q: Array) -> Array:
-        """Return a sequence (k, n) without jumps of a turn, in the windings that are nearest to the middle of the ranges."""
+    def unwind(self, q: Array, first: Array | None = None) -> Array:
+        """Return a sequence (k, n) without jumps of a turn: it begins in the windings of a configuration (n,), if one is given.
+
+        Else, the windings are those nearest to the middle of the ranges.
+        """
         step = np.diff(q, axis=0)
         step -= np.where(self.circle, 2.0 * np.pi * np.round(step / (2.0 * np.pi)), 0.0)
         q = np.concatenate([q[:1], q[:1] + np.cumsum(step, axis=0)])
-        off = self.arm.limits.middle - 0.5 * (q.min(axis=0) + q.max(axis=0))
+        off = self.arm.limits.middle - 0.5 * (q.min(axis=0) + q.max(axis=0)) if first is None else first - q[0]
         return np.asarray(q + np.where(self.circle, 2.0 * np.pi * np.round(off / (2.0 * np.pi)), 0.0))
 
     def rooms(self, q: Array) -> Array:
@@ -138,9 +140,7 @@ class Sampler:
     def project(self, q: Array, poses: Array, steps: int = 8) -> tuple[Array, Flags]:
         """Return configurations moved onto poses by steps of least norm, and which of them arrive and are allowed."""
         q = np.array(q, order="C")
-        poses = np.array(
-            np.broadcast_to(poses, (len(q), 4, 4)), order="C"
-        )  # writable, as in all other calls of the kernel
+        poses = np.array(np.broadcast_to(poses, (len(q), 4, 4)), order="C")  # writable: the kernel has one variant
         if not len(q):
             return q, np.zeros(0, np.bool_)
         newton.polish_batch(self.arm.chain, q, poses, steps)
