@@ -23,6 +23,7 @@ from planners.program.file import load_program
 from planners.program.parts import Dwell, Move, Part, Program, ToolChange
 from planners.program.result import ProgramPlan
 from planners.replan import replan
+from planners.retarget import Chunk, JogVelocity, Retargeted, RetargetStatus, retarget, stream
 from planners.ros.export import to_ros
 from planners.search import SearchResult, SearchStatus, find_path
 from planners.timing import TimeLaw, laws, make_law
@@ -31,8 +32,10 @@ from planners.trajectory import Trajectory
 __all__ = [
     "Arc",
     "Certificate",
+    "Chunk",
     "Dwell",
     "Event",
+    "JogVelocity",
     "JointLine",
     "Line",
     "Motion",
@@ -48,6 +51,8 @@ __all__ = [
     "Polyline",
     "Program",
     "ProgramPlan",
+    "RetargetStatus",
+    "Retargeted",
     "SearchResult",
     "SearchStatus",
     "Spline",
@@ -70,6 +75,8 @@ __all__ = [
     "paths",
     "plan",
     "replan",
+    "retarget",
     "save",
+    "stream",
     "to_ros",
 ]

@@ -1,0 +1,89 @@
+"""retarget(): from the moving state of the running motion onto another target, within the limits, in about a millisecond."""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import Any
+
+from optik.arm.robot import Robot
+from optik.check import check_number
+from optik.errors import InvalidInput
+from optik.scene import Scene
+from planners.limits import MotionLimits
+from planners.motion.motion import Motion, get_motion
+from planners.planning.result import Plan
+from planners.retarget.engine import Retargeter
+from planners.retarget.result import Retargeted
+
+
+def retarget(
+    motion: Motion | Plan | Retargeted, at: float, onto: Any, *, limits: MotionLimits | None = None,
+    tolerance: float = 0.005, pace: float = 1.0, align: str = "nearest", longest: float = 0.04,
+    scene: Scene | None = None,
+) -> Retargeted:  # fmt: skip
+    """Return a motion from the moving state of the running motion onto another target.
+
+    A chunk is followed as closely as the limits allow: repeated targets are repaired, the targets are smoothed within the
+    tolerance, their pace is lowered where the limits demand it, and the joints track them. Joints and plans are entered by
+    time-optimal motions. Every result ends at rest. If none is proved, the running motion goes on.
+
+    Parameters
+    ----------
+    motion : Plan, Motion or Retargeted
+        The running motion.
+    at : float
+        Its time at which the new motion begins [s].
+    onto : Chunk, (n,) array, or Plan, Motion or Retargeted
+        Targets at a fixed rate; joints to stop at [rad, m]; or another motion, which is entered where it ends soonest.
+    limits : MotionLimits, optional
+        By default those of the running motion. Velocity, acceleration and jerk of all joints must be limited.
+    tolerance : float
+        Largest distance between a target and the smoothed chunk [rad, m].
+    pace : float
+        Largest rate of the chunk, over its own; above 1 to be faster than the chunk says [1].
+    align : {"nearest", "clock"}
+        Enter the chunk at its place nearest to the arm, at most as late as its clock says, or exactly there.
+    longest : float
+        Longest piece of the motion [s]; shorter ones follow more closely and take more computing time.
+    scene : Scene, optional
+        Obstacles, which the motion is proved to avoid.
+
+    Returns
+    -------
+    Retargeted
+        The motion with its certificate. JOINED for a chunk or a motion, GOAL for joints, KEPT with the reason if the running
+        motion goes on.
+
+    Raises
+    ------
+    InvalidInput
+        An argument of another type or out of range, a missing limit, or a target of another number of joints.
+    """
+    at = check_number(at, "at", "a time of the running motion [s], at least 0", least=0.0)
+    if not isinstance(motion, Retargeted) and not hasattr(motion, "motion"):
+        motion = get_motion(motion)
+    curve = motion.curve if isinstance(motion, Retargeted) else motion.trajectory
+    options = {"tolerance": tolerance, "pace": pace, "align": align, "longest": longest, "scene": scene}
+    return _get_engine(motion.robot, motion.limits if limits is None else limits, options).run(
+        curve, at, get_target(onto)
+    )
+
+
+_engines: deque[tuple[Robot, MotionLimits, dict[str, Any], Retargeter]] = deque(maxlen=4)  # those of the last calls
+
+
+def _get_engine(robot: Robot, limits: MotionLimits, options: dict[str, Any]) -> Retargeter:
+    """Return the engine for the same objects as in an earlier call, or a new one."""
+    for known in _engines:
+        if known[0] is robot and known[1] is limits and known[2] == options:
+            return known[3]
+    engine = Retargeter(robot, limits, **options)
+    _engines.appendleft((robot, limits, options, engine))
+    return engine
+
+
+def get_target(onto: Any) -> Any:
+    """Return a target; raise InvalidInput for words."""
+    if isinstance(onto, str):
+        raise InvalidInput("onto", repr(onto)[:60], "a Chunk, a plan, or joint values")
+    return onto

@@ -1,0 +1,154 @@
+"""StreamCertificate: what is proved of a motion that joins a running one, within a fraction of a millisecond."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from optik.arm.robot import Robot
+from optik.check import format_ratio
+from optik.scene import Scene
+from optik.types import Array
+from planners.certificate.analysis import MotionAnalysis
+from planners.certificate.certificate import RATIO_ROUNDING
+from planners.certificate.checks import find_position_violations
+from planners.certificate.clearance import Clearance, clearance
+from planners.certificate.violation import Violation, word_of_limit
+from planners.limits import DERIVATIVES, Extreme, MotionLimits, ToolExtreme, kind_of
+from planners.limits.base import sides
+from planners.retarget.cubics import JointCubics, cubic_extrema
+from planners.trajectory import State, Trajectory
+
+CONTINUOUS = 1e-9
+"""Largest discontinuity of q, q̇ and q̈ that counts as rounding [rad, rad/s, rad/s², or m]."""
+EXCESS = 1e-9
+"""Largest excess of a ratio over 1 that counts as rounding: the state may stand exactly on a limit."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class StreamCertificate:
+    """Proved properties of a motion from a moving state to rest.
+
+    Attributes
+    ----------
+    joint_names : tuple of str
+        In the order of all arrays.
+    duration : float
+        Of the motion [s].
+    position_margin, t_position_margin : (n,) array
+        Least distances to the position limits, exact [rad, m], and their times [s].
+    peaks : mapping of str to Extreme or ToolExtreme
+        Peak values and their ratios to the limits: exact for velocity, acceleration and jerk, proved bounds for others.
+    discontinuity : (3,) array
+        Largest discontinuities of q, q̇ and q̈, also to the motion that it continues and to the rest at its end.
+    clearance : Clearance or None
+        Proved least distances between arm, scene and links; None without a scene.
+    not_covered : tuple of str
+        Properties that are not examined.
+    """
+
+    joint_names: tuple[str, ...]
+    duration: float
+    position_margin: Array
+    t_position_margin: Array
+    peaks: Mapping[str, Extreme | ToolExtreme]
+    discontinuity: Array
+    clearance: Clearance | None
+    not_covered: tuple[str, ...]
+
+    @cached_property
+    def violations(self) -> tuple[Violation, ...]:
+        """The violations; empty if the certificate is valid."""
+        found = find_position_violations(self.position_margin, self.joint_names, self.t_position_margin)
+        for name, peak in self.peaks.items():
+            if not np.any(peak.ratio > 1.0):
+                continue
+            subject = kind_of(name).subject
+            ratio, where, t = peak.worst(self.joint_names if subject is None else (subject,))
+            if ratio > 1.0 + (EXCESS if name in DERIVATIVES else RATIO_ROUNDING):
+                words = f"{name} of {where} is {format_ratio(ratio)} of its limit at t = {t:.6g} s"
+                found.append(Violation(words, t, word_of_limit(name), where if subject is None else None))
+        for value, name in zip(self.discontinuity, ("position", "velocity", "acceleration"), strict=True):
+            if not value <= CONTINUOUS:
+                found.append(Violation(f"the {name} is discontinuous by {value:.3g}", 0.0, "limits"))
+        return (*found, *(() if self.clearance is None else self.clearance.find_violations()))
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Texts of the violations; empty if the certificate is valid."""
+        return tuple(violation.words for violation in self.violations)
+
+    @property
+    def is_valid(self) -> bool:
+        """Whether all limits are respected at every instant, the motion is continuous, and it ends at rest."""
+        return not self.violations
+
+    def __repr__(self) -> str:
+        return str(self)
+
+    def __str__(self) -> str:
+        verdict = "valid" if self.is_valid else f"NOT valid: {self.reasons[0]}"
+        lines = [f"certificate {verdict}", f"duration {self.duration:.3g} s, then at rest"]
+        for name, peak in self.peaks.items():
+            ratio, where, t = peak.worst(
+                self.joint_names if kind_of(name).subject is None else (kind_of(name).subject or "",)
+            )
+            lines += [] if np.isnan(ratio) else [f"peak / limit, {name}: {ratio:.3g} ({where} at {t:.3g} s)"]
+        return "\n".join([*lines, f"not covered: {', '.join(self.not_covered)}"])
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain data for files."""
+        return {
+            "is_valid": self.is_valid, "reasons": list(self.reasons), "duration": self.duration,
+            "position_margin": self.position_margin.tolist(), "discontinuity": self.discontinuity.tolist(),
+            "peaks": {name: peak.to_dict() for name, peak in self.peaks.items()},
+            "clearance": None if self.clearance is None else self.clearance.to_dict(), "not_covered": list(self.not_covered),
+        }  # fmt: skip
+
+
+def trajectory_of(curve: JointCubics | Trajectory) -> Trajectory:
+    """Return a motion as a trajectory."""
+    return curve.trajectory if isinstance(curve, JointCubics) else curve
+
+
+def other_limits(limits: MotionLimits) -> tuple[str, ...]:
+    """Return the names of the given limits that are not derivatives of single joints."""
+    return tuple(name for name in limits.names if name not in DERIVATIVES and limits.value(name) is not None)
+
+
+def certify_joined(
+    robot: Robot, curve: JointCubics | Trajectory, limits: MotionLimits, state: State, scene: Scene | None
+) -> StreamCertificate:
+    """Return the certificate of a motion that continues a state of the running motion."""
+    out, jump = np.empty((4, 4, robot.n)), np.empty(3)
+    if isinstance(curve, JointCubics):
+        cubic_extrema(curve.knots, curve.count, curve.c, out, jump)
+    else:
+        for order in range(4):
+            out[order] = curve.extrema(order)
+        inside = [np.abs(curve.jumps(order)).max(initial=0.0) for order in range(3)]
+        jump[:] = np.maximum(inside, [0.0, *(np.abs(curve.ends(order)[1][-1]).max() for order in (1, 2))])
+    jump = np.maximum(jump, [np.abs(curve(0.0, order) - x).max() for order, x in enumerate(state)])
+    lower, upper = out[0, 0] - robot.limits.lower, robot.limits.upper - out[0, 1]
+    peaks: dict[str, Extreme | ToolExtreme] = {}
+    bounds, names = limits.bounds(robot.n), other_limits(limits)
+    for order, name in enumerate(DERIVATIVES, 1):
+        low, high = sides(bounds[name])
+        below, above = out[order, 0] / low, out[order, 1] / high
+        at_low = below > above
+        value = np.where(at_low, -out[order, 0], out[order, 1])
+        peaks[name] = Extreme(value, np.maximum(below, above), np.where(at_low, out[order, 2], out[order, 3]))
+    if names:
+        motion = MotionAnalysis(robot, trajectory_of(curve))
+        peaks |= {name: kind_of(name).judge(motion, bounds[name]) for name in names}
+    clear = None if scene is None else clearance(robot, trajectory_of(curve), scene)
+    free = [kind for kind in ("torque", "tool speed") if kind.replace(" ", "_") not in names]
+    free += [] if scene is not None else ["contact"]
+    return StreamCertificate(
+        robot.joint_names, curve.end, np.minimum(lower, upper), np.where(lower < upper, out[0, 2], out[0, 3]), peaks, jump,
+        clear, ("the path of the tool", *free),
+    )  # fmt: skip

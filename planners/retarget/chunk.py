@@ -1,0 +1,68 @@
+"""Chunk: joint targets at a fixed rate, as learned policies emit them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from optik.check import check_number, real_array
+from optik.errors import InvalidInput
+from optik.types import Array
+
+FEWEST, MOST = 4, 1000
+"""Points of a reference: a chunk with fewer is divided; and the largest number of a chunk."""
+
+
+@dataclass(frozen=True, eq=False)
+class Chunk:
+    """Joint targets at a fixed rate, the first at the time of the observation.
+
+    Parameters
+    ----------
+    points : (m, n) array
+        Targets [rad, m], at least two.
+    rate : float
+        Targets per second [1/s].
+    observed : float
+        Time of the first target [s], on the clock of the running motion: the instant at which a policy observed the robot.
+
+    Raises
+    ------
+    InvalidInput
+        Points that are not finite or fewer than two, a rate that is not above 0, or a time that is not finite.
+    """
+
+    points: ArrayLike
+    rate: float
+    observed: float = 0.0
+
+    def __post_init__(self) -> None:
+        expected = f"an (m, n) array of 2 to {MOST} finite joint targets"
+        points = real_array(self.points, "points", expected).copy()
+        if points.ndim != 2 or not 2 <= len(points) <= MOST or not np.isfinite(points).all():
+            raise InvalidInput("points", f"an array of shape {points.shape}", expected)
+        object.__setattr__(self, "points", points)
+        object.__setattr__(self, "rate", check_number(self.rate, "rate", "targets per second, above 0", above=0.0))
+        object.__setattr__(self, "observed", check_number(self.observed, "observed", "a time [s]"))
+
+    @property
+    def duration(self) -> float:
+        """Time from the first to the last target [s]."""
+        return (len(np.asarray(self.points)) - 1) / self.rate
+
+
+def repair(chunk: Chunk, lower: Array, upper: Array) -> tuple[Array, float, int]:
+    """Return the targets (m, n) inside the ranges, their rate [1/s], and the number of changed ones.
+
+    A target that repeats the one before in all joints stands for a missing one. It becomes the mean of its neighbours.
+    """
+    given = np.asarray(chunk.points)
+    P = np.clip(given, lower, upper)
+    for i in np.flatnonzero((P[1:-1] == P[:-2]).all(axis=1) & (P[2:] != P[1:-1]).any(axis=1)):
+        P[i + 1] = 0.5 * (P[i] + P[i + 2])
+    changed, rate = int((given != P).any(axis=1).sum()), chunk.rate
+    while len(P) < FEWEST:
+        P, rate = np.insert(P, range(1, len(P)), 0.5 * (P[1:] + P[:-1]), axis=0), 2.0 * rate
+    return P, rate, changed

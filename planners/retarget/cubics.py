@@ -1,0 +1,210 @@
+"""Joint motions as piecewise cubics, each joint with its own knots: evaluation, exact extrema, and the trajectory of all."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+import scipy
+
+from optik.compiled import parallel
+from optik.types import Array, Indices
+from planners.trajectory import Trajectory
+from planners.trajectory.curve import Curve
+
+SHORTEST, BRIEF_REST = 1e-12, 1e-3
+"""Duration below which a phase is left out, and the third of that of a joint without any [s]."""
+
+
+@parallel
+def evaluate_cubics(knots: Array, count: Indices, c: Array, x: Array, order: int, out: Array) -> None:
+    """Write a derivative out (k, n) at instants x (k,); knots (n, K), count (n,), c (n, 4, K), highest power first."""
+    for j in range(count.size):
+        last, piece = count[j] - 2, 0
+        for k in range(x.size):
+            if x[k] < knots[j, piece]:
+                piece = 0
+            while piece < last and x[k] >= knots[j, piece + 1]:
+                piece += 1
+            u = min(x[k], knots[j, last + 1]) - knots[j, piece]
+            a, b, v, q = c[j, 0, piece], c[j, 1, piece], c[j, 2, piece], c[j, 3, piece]
+            if order == 0:
+                out[k, j] = ((a * u + b) * u + v) * u + q
+            elif x[k] > knots[j, last + 1]:
+                out[k, j] = 0.0
+            elif order == 1:
+                out[k, j] = (3.0 * a * u + 2.0 * b) * u + v
+            elif order == 2:
+                out[k, j] = 6.0 * a * u + 2.0 * b
+            else:
+                out[k, j] = 6.0 * a
+
+
+@parallel
+def _widen(order: int, j: int, value: float, t: float, out: Array) -> None:
+    """Widen the extrema out (4, 4, n): least, greatest, and their times, by order."""
+    if value < out[order, 0, j]:
+        out[order, 0, j], out[order, 2, j] = value, t
+    if value > out[order, 1, j]:
+        out[order, 1, j], out[order, 3, j] = value, t
+
+
+@parallel
+def cubic_extrema(knots: Array, count: Indices, c: Array, out: Array, jump: Array) -> None:
+    """Write the exact extrema of position, velocity, acceleration and jerk, and the largest discontinuities jump (3,).
+
+    At its last knot a joint is at rest: a velocity or an acceleration there is a discontinuity. Shapes: out (4, 4, n).
+    """
+    out[:, 0], out[:, 1], out[:, 2:] = np.inf, -np.inf, 0.0
+    jump[:] = 0.0
+    for j in range(count.size):
+        for k in range(count[j] - 1):
+            t, h = knots[j, k], knots[j, k + 1] - knots[j, k]
+            a, b, v, q = c[j, 0, k], c[j, 1, k], c[j, 2, k], c[j, 3, k]
+            end = (((a * h + b) * h + v) * h + q, (3.0 * a * h + 2.0 * b) * h + v, 6.0 * a * h + 2.0 * b)
+            for order, first in enumerate((q, v, 2.0 * b)):
+                _widen(order, j, first, t, out)
+                _widen(order, j, end[order], t + h, out)
+            _widen(3, j, 6.0 * a, t, out)
+            if (a != 0.0 and 0.0 < -b < 3.0 * a * h) or 0.0 < b < -3.0 * a * h:
+                u = -b / (3.0 * a)
+                _widen(1, j, v + u * b, t + u, out)
+            square = b * b - 3.0 * a * v
+            if square > 0.0:
+                root = -(b + (np.sqrt(square) if b >= 0.0 else -np.sqrt(square)))
+                for u in (root / (3.0 * a) if a != 0.0 else -1.0, v / root if root != 0.0 else -1.0):
+                    if 0.0 < u < h:
+                        _widen(0, j, ((a * u + b) * u + v) * u + q, t + u, out)
+            if k < count[j] - 2:
+                after = (c[j, 3, k + 1], c[j, 2, k + 1], 2.0 * c[j, 1, k + 1])
+            else:
+                after = (end[0], 0.0, 0.0)
+            for order in range(3):
+                jump[order] = max(jump[order], abs(end[order] - after[order]))
+
+
+@parallel
+def integrate(T: Array, jerk: Array, state: Array, goal: Array, c: Array) -> None:
+    """Write the cubics c (4, N), highest power first, of jerks over breakpoints T, from a state (3,) to a goal (3,).
+
+    The jerks (N,) are changed by the least amount with which the motion ends exactly at the goal, which is free where it is
+    NaN: so rounding is removed, and position, velocity and acceleration are continuous.
+    """
+    N = T.size - 1
+    for sweep in range(3):
+        q, v, a = state[0], state[1], state[2]
+        for i in range(N):
+            h, j = T[i + 1] - T[i], jerk[i]
+            c[0, i], c[1, i], c[2, i], c[3, i] = j / 6.0, 0.5 * a, v, q
+            q += h * (v + h * (0.5 * a + h * j / 6.0))
+            v += h * (a + 0.5 * h * j)
+            a += h * j
+        if sweep < 2:
+            miss = goal - np.array([q, v, a])
+            _correct(T, jerk, np.where(np.isnan(goal), 0.0, miss))
+
+
+@parallel
+def _correct(T: Array, jerk: Array, miss: Array) -> None:
+    """Change jerks (N,) by the least amount that changes the final position, velocity and acceleration by `miss` (3,)."""
+    N, end = T.size - 1, T[-1]
+    G, rows = np.zeros((3, 4)), np.empty((3, N))
+    G[:, 3] = miss
+    for i in range(N):
+        h, left = T[i + 1] - T[i], end - T[i + 1]
+        rows[0, i], rows[1, i], rows[2, i] = (
+            h**3 / 6.0 + left * h * h / 2.0 + left * left * h / 2.0,
+            h * h / 2.0 + left * h,
+            h,
+        )
+        for a in range(3):
+            for b in range(3):
+                G[a, b] += rows[a, i] * rows[b, i] / h
+    for i in range(3):  # a positive definite matrix needs no pivots
+        for k in range(i + 1, 3):
+            factor = G[k, i] / G[i, i]
+            for j in range(i, 4):
+                G[k, j] -= factor * G[i, j]
+    y2 = G[2, 3] / G[2, 2]
+    y1 = (G[1, 3] - G[1, 2] * y2) / G[1, 1]
+    y0 = (G[0, 3] - G[0, 2] * y2 - G[0, 1] * y1) / G[0, 0]
+    for i in range(N):
+        jerk[i] += (rows[0, i] * y0 + rows[1, i] * y1 + rows[2, i] * y2) / (T[i + 1] - T[i])
+
+
+@parallel
+def join_phases(h: Array, j: Array, ends: tuple[Array, Array], knots: Array, count: Indices, c: Array) -> None:
+    """Write the cubics of phases of constant jerk from states to states, without phases of no duration.
+
+    Shapes and units: durations h (n, k) [s] and jerks j (n, k) [rad/s³, m/s³], two states (3, n), knots (n, K), count (n,),
+    cubics c (n, 4, K).
+    """
+    jerk = np.empty(knots.shape[1])
+    for i in range(h.shape[0]):
+        knots[i, 0], N = 0.0, 0
+        parts = 3 if (h[i] > SHORTEST).sum() < 3 else 1  # three numbers are corrected
+        for k in range(h.shape[1]):
+            for _ in range(parts if h[i, k] > SHORTEST else 0):
+                jerk[N], knots[i, N + 1] = j[i, k], knots[i, N] + h[i, k] / parts
+                N += 1
+        if N == 0:  # nothing moves
+            N, jerk[:3] = 3, 0.0
+            knots[i, 1:4] = np.arange(1, 4) * BRIEF_REST
+        count[i] = N + 1
+        state, goal = ends[0][:, i].copy(), ends[1][:, i].copy()
+        integrate(knots[i, : N + 1], jerk[:N], state, goal, c[i])
+
+
+@parallel
+def _merge(knots: Array, count: Indices, c: Array, t: Array, out: Array) -> None:
+    """Write the cubics out (4, m, n) of all joints between the knots t (m + 1,), which contain those of each joint."""
+    for j in range(count.size):
+        last, piece = count[j] - 2, 0
+        for k in range(t.size - 1):
+            while piece < last and t[k] >= knots[j, piece + 1]:
+                piece += 1
+            over = t[k] >= knots[j, last + 1]
+            u = min(t[k], knots[j, last + 1]) - knots[j, piece]
+            a, b, v, q = c[j, 0, piece], c[j, 1, piece], c[j, 2, piece], c[j, 3, piece]
+            out[3, k, j] = ((a * u + b) * u + v) * u + q
+            out[2, k, j] = 0.0 if over else (3.0 * a * u + 2.0 * b) * u + v
+            out[1, k, j] = 0.0 if over else 3.0 * a * u + b
+            out[0, k, j] = 0.0 if over else a
+
+
+class JointCubics(Curve):
+    """A joint motion from a moving state to rest: cubics of each joint between knots of its own.
+
+    Parameters
+    ----------
+    knots : (n, K) array
+        Times of the knots from 0 [s], the first `count` of each row.
+    count : (n,) array of int
+        Numbers of knots.
+    c : (n, 4, K) array
+        Coefficients, highest power first, in the time since each piece's first knot [rad/s^i, m/s^i].
+    """
+
+    parameter = "t"
+
+    def __init__(self, knots: Array, count: Indices, c: Array) -> None:
+        self.knots, self.count, self.c = knots, count, c
+        self._end = float(max(knots[j, k - 1] for j, k in enumerate(count.tolist())))
+
+    @property
+    def end(self) -> float:
+        """The duration [s]; a joint whose last knot is earlier is at rest after it."""
+        return self._end
+
+    def _evaluate(self, x: Array, order: int) -> Array:
+        out = np.empty((x.size, self.count.size))
+        evaluate_cubics(self.knots, self.count, self.c, x, order, out)
+        return out
+
+    @cached_property
+    def trajectory(self) -> Trajectory:
+        """The same motion with the knots of all joints."""
+        t = np.unique(np.concatenate([self.knots[j, :k] for j, k in enumerate(self.count.tolist())]))
+        c = np.empty((4, t.size - 1, self.count.size))
+        _merge(self.knots, self.count, self.c, t, c)
+        return Trajectory(scipy.interpolate.PPoly(c, t, extrapolate=True))

@@ -1,0 +1,291 @@
+"""stream(): set-points at a fixed rate, which join the targets of a source as they come, and end at rest without them."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter, deque
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from math import ceil
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from optik.arm.robot import Robot
+from optik.check import check_flag, check_number, real_array
+from optik.errors import InvalidInput
+from optik.scene import Scene
+from optik.types import Array
+from planners.limits import MotionLimits
+from planners.retarget.answer import get_target
+from planners.retarget.chunk import Chunk
+from planners.retarget.cubics import BRIEF_REST, JointCubics
+from planners.retarget.engine import Retargeter
+from planners.retarget.jog import Jog
+from planners.retarget.result import Retargeted, RetargetStatus, state_of
+from planners.trajectory import Trajectory, make_rest
+
+BUDGET = 0.004
+"""Default time from the arrival of a target to the start of its motion [s]."""
+SILENCE = 1.0
+"""Default time at rest without a target after which a stream ends [s]."""
+KEPT_TIMES = 100_000
+"""Largest number of computing times and delays in a report."""
+
+
+class Setpoint(NamedTuple):
+    """The state of a stream at one tick: time [s], q, q̇ and q̈ (n,), and the motion that begins here, if one does."""
+
+    t: float
+    q: Array
+    dq: Array
+    ddq: Array
+    joined: Retargeted | None = None
+
+
+Source = Callable[[Setpoint], "Chunk | Jog | ArrayLike | None"]
+"""A function that returns a new target, or None; it gets the present set-point and must not wait."""
+
+
+class StreamReport(NamedTuple):
+    """What a stream did.
+
+    ``kept`` counts the reasons why targets were not joined. ``late`` motions were proved after their instant and dropped.
+    ``missed`` ticks passed before the loop asked for them. Computing times and delays of ticks are medians, 99 % quantiles and
+    largest values [s].
+    """
+
+    ticks: int
+    joined: int
+    kept: dict[str, int]
+    late: int
+    missed: int
+    skipped: int
+    cpu: tuple[float, float, float]
+    delay: tuple[float, float, float]
+
+    def __str__(self) -> str:
+        kept = "; ".join(f"{count} × {why}" for why, count in self.kept.items()) or "none"
+        cpu, delay = (" / ".join(f"{1e3 * x:.3g}" for x in each) for each in (self.cpu, self.delay))
+        lines = [
+            f"{self.ticks} set-points, {self.missed} ticks missed",
+            f"{self.joined} targets joined, {self.skipped} points skipped, {self.late} motions late",
+            f"not joined: {kept}",
+            f"computing time of a target, median / 99 % / largest: {cpu} ms",
+            f"delay of a tick: {delay} ms",
+        ]
+        return "\n".join(lines)
+
+
+class Stream(Iterator[Setpoint]):
+    """An iterator of set-points; see `planners.stream`."""
+
+    def __init__(
+        self, robot: Robot, source: Source, start: ArrayLike | Retargeted | Any, *, rate: float, budget: float,
+        silence: float | None, realtime: bool, **options: Any,
+    ) -> None:  # fmt: skip
+        if not isinstance(robot, Robot):
+            raise InvalidInput("robot", repr(robot)[:60], "a Robot")
+        if not callable(source):
+            raise InvalidInput("source", repr(source)[:60], "a function of the present set-point")
+        self.robot, self.rate = robot, check_number(rate, "rate", "set-points per second, above 0", above=0.0)
+        self._source, self._realtime = source, check_flag(realtime, "realtime")
+        self._budget = check_number(budget, "budget", "seconds, at least 0", least=0.0)
+        self._silence = None if silence is None else check_number(silence, "silence", "seconds, at least 0", least=0.0)
+        self.engine = Retargeter(robot, **options)
+        self._running, self._begin = self._first(start), 0.0
+        self._next: tuple[Retargeted, float] | None = None
+        self._pool = ThreadPoolExecutor(1) if realtime else None
+        self._work: tuple[Future[tuple[Retargeted, float]], float] | None = None
+        self._tick, self._began, self._heard, self._stopping = -1, 0.0, 0.0, False
+        self._kept: Counter[str] = Counter()
+        self._joined = self._late = self._missed = self._skipped = 0
+        self._cpu, self._delay = (deque[float](maxlen=KEPT_TIMES) for _ in range(2))
+        self._warm_up()
+
+    def _first(self, start: Any) -> JointCubics | Trajectory:
+        """Return the first motion: rest at joints, or a motion that already runs."""
+        if isinstance(start, Retargeted):
+            return start.curve
+        if hasattr(start, "trajectory"):
+            return get_target(start).trajectory  # type: ignore[no-any-return]
+        expected = f"a motion, or {self.robot.n} finite joint values inside the ranges"
+        q = real_array(start, "start", expected)
+        if q.shape != (self.robot.n,) or not np.isfinite(q).all() or not self.robot.limits.contains(q):
+            raise InvalidInput("start", repr(start)[:60], expected)
+        return make_rest(q, 3.0 * BRIEF_REST)
+
+    def _warm_up(self) -> None:
+        """Compile what a target needs, before the first one comes."""
+        q = state_of(self._running, 0.0)[0]
+        for target in (Chunk(np.array([q] * 8), 20.0), Jog(np.zeros(self.robot.n), 0.1), q):
+            self.engine.run(self._running, 0.0, target)
+
+    @property
+    def running(self) -> JointCubics | Trajectory:
+        """The motion that runs, or ran last."""
+        return self._running
+
+    @property
+    def time(self) -> float:
+        """The stream's clock [s], on which `Chunk.observed` is given; 0 before the first set-point."""
+        if self._tick < 0:
+            return 0.0
+        return time.perf_counter() - self._began if self._realtime else self._tick / self.rate
+
+    def stop(self) -> None:
+        """Ask for no more targets: the running motion goes on to its end at rest, and then the stream ends."""
+        self._stopping = True
+
+    def __next__(self) -> Setpoint:
+        """Return the set-point of the next tick: that of the clock, never two at once."""
+        t = self._wait()
+        joined = self._join(t)
+        now = Setpoint(t, *state_of(self._running, t - self._begin), joined)
+        resting = t >= self._begin + self._running.end and self._next is None and self._work is None
+        patience = 0.0 if self._stopping else self._silence
+        if resting and patience is not None and t - max(self._heard, self._begin + self._running.end) >= patience:
+            self.close()
+            raise StopIteration
+        self._poll(now)
+        return now
+
+    def _wait(self) -> float:
+        """Wait for the next tick, and return its time; ticks that have passed are left out."""
+        if self._tick < 0:
+            self._began = time.perf_counter()
+        self._tick += 1
+        if self._realtime:
+            passed = int((time.perf_counter() - self._began) * self.rate)
+            if passed > self._tick:
+                self._missed += passed - self._tick
+                self._tick = passed
+            early = self._began + self._tick / self.rate - time.perf_counter()
+            if early > 0.0:
+                time.sleep(early)
+            self._delay.append(time.perf_counter() - self._began - self._tick / self.rate)
+        return self._tick / self.rate
+
+    def _poll(self, now: Setpoint) -> None:
+        """Ask the source for a target, and begin to compute its motion."""
+        if self._stopping or self._work is not None:
+            return
+        target = self._source(now)
+        if target is None:
+            return
+        self._heard = now.t
+        at = ceil((now.t + self._budget) * self.rate - 1e-9) / self.rate
+        base, begin = (self._next[0].curve, self._next[1]) if self._next is not None else (self._running, self._begin)
+        at = max(at, begin)
+        if self._pool is None:
+            self._take(*self._compute(base, begin, at, target), at)
+        else:
+            self._work = self._pool.submit(self._compute, base, begin, at, target), at
+
+    def _compute(
+        self, base: JointCubics | Trajectory, begin: float, at: float, target: Any
+    ) -> tuple[Retargeted, float]:
+        """Return the motion from a time on, and its computing time [s]."""
+        target = get_target(target)
+        if isinstance(target, Chunk):
+            target = Chunk(target.points, target.rate, target.observed - begin)
+        since = time.thread_time()
+        found = self.engine.run(base, at - begin, target)
+        return found, time.thread_time() - since
+
+    def _take(self, found: Retargeted, seconds: float, at: float) -> None:
+        """Let a motion begin at its time, or count why it does not."""
+        self._cpu.append(seconds)
+        self._skipped += found.skipped
+        if found.status is RetargetStatus.KEPT:
+            self._kept[found.reason] += 1
+        else:
+            self._next = found, at
+
+    def _join(self, t: float) -> Retargeted | None:
+        """Return the motion that begins now, if one does; a result that came after its instant is dropped."""
+        if self._work is not None and self._work[0].done():
+            (found, seconds), at = self._work[0].result(), self._work[1]
+            self._work = None
+            if t > at + 0.5 / self.rate and self._realtime:
+                self._late += 1
+                self._cpu.append(seconds)
+            else:
+                self._take(found, seconds, at)
+        if self._next is None or t < self._next[1] - 1e-9:
+            return None
+        found, begin = self._next
+        self._running, self._begin, self._next = found.curve, begin, None
+        self._joined += 1
+        return found
+
+    def close(self) -> None:
+        """End the thread that computes motions."""
+        if self._pool is not None:
+            self._pool.shutdown(wait=False)
+
+    def report(self) -> StreamReport:
+        """Return what the stream did so far.
+
+        Returns
+        -------
+        StreamReport
+            Counts, computing times and delays.
+        """
+        cpu, delay = (
+            tuple(np.quantile(x, (0.5, 0.99, 1.0)).tolist()) if x else (0.0,) * 3 for x in (self._cpu, self._delay)
+        )
+        counts = self._joined, dict(self._kept), self._late, self._missed, self._skipped
+        return StreamReport(self._tick + 1 - self._missed, *counts, cpu, delay)
+
+
+def stream(
+    robot: Robot, source: Source, start: Any, *, rate: float = 1000.0, limits: MotionLimits | None = None,
+    tolerance: float = 0.005, pace: float = 1.0, align: str = "nearest", longest: float = 0.04,
+    scene: Scene | None = None, budget: float = BUDGET, silence: float | None = SILENCE, realtime: bool = True,
+) -> Stream:  # fmt: skip
+    """Return an iterator of set-points that joins the targets of a source as they come.
+
+    Every accepted motion ends at rest, so the arm stops by itself when the source is silent. Opening compiles all kernels.
+    A Python loop is not a real-time system: the report states the delays. A tick that has passed is left out.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+    source : callable
+        Gets the present `Setpoint`; returns a `Chunk`, joints, a plan, or None. It must not wait. `JogVelocity` is one.
+        `Chunk.observed` is a time on the stream's clock, `Setpoint.t`.
+    start : (n,) array, or Plan, Motion or Retargeted
+        Joints at rest [rad, m], or the motion that begins with the stream.
+    rate : float
+        Set-points per second [1/s].
+    limits, tolerance, pace, align, longest, scene
+        As for `planners.retarget`; the limits are by default the robot's.
+    budget : float
+        Time from the arrival of a target to the start of its motion [s]. A result that comes later is dropped.
+    silence : float, optional
+        Time at rest without a target after which the stream ends [s]; None for never.
+    realtime : bool
+        Whether to wait for the clock; otherwise set-points come as fast as they are asked for.
+
+    Returns
+    -------
+    Stream
+        The iterator, with `Stream.stop`, `Stream.report` and `Stream.time`.
+
+    Raises
+    ------
+    InvalidInput
+        An argument of another type or out of range, or a missing limit.
+    """
+    options = {
+        "limits": limits,
+        "tolerance": tolerance,
+        "pace": pace,
+        "align": align,
+        "longest": longest,
+        "scene": scene,
+    }
+    return Stream(robot, source, start, rate=rate, budget=budget, silence=silence, realtime=realtime, **options)

@@ -1,0 +1,158 @@
+"""Tracking: the joint motions nearest to targets over time, from a moving state to rest, within the limits at every instant."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from optik.compiled import parallel
+from optik.types import Array, Indices
+from planners.retarget.cubics import integrate
+from planners.retarget.interior import ROWS, add_weighted, make_factors, make_stencils, minimise
+
+TIGHT = 0.03
+"""Fraction of the range of velocities: if the velocity after the acceleration is ended comes nearer to its limit than this, the
+acceleration is ended first, in a piece of its own."""
+CUT = (2.0 * np.pi * 40.0) ** -6
+"""Weight of the squared jerk: the tracking follows targets of up to 40 Hz [s⁶]."""
+HOLD = 2.0
+"""Weight of the distance to the last target after its instant, over that before."""
+SPARE = 1e-7
+"""Fraction of the limits that is not used: the iteration respects them to its rounding."""
+FEWEST = 6
+"""Least number of intervals of a spline."""
+
+
+@parallel
+def lay_grid(begin: float, end: float, first: float, growth: float, longest: float, T: Array) -> int:
+    """Write breakpoints T from `begin` to `end` or later [s], whose distances grow to `longest`; return their number."""
+    T[0], k, h = begin, 0, first
+    while (T[k] < end or k < FEWEST) and k < T.size - 1:
+        k += 1
+        T[k] = T[k - 1] + h
+        h = min(h * growth, longest)
+    return k + 1
+
+
+@parallel
+def ramp_of(v: float, a: float, limits: Array) -> float:
+    """Return the duration [s] of the largest jerk that ends an acceleration near the limit of the velocity, or 0."""
+    if a == 0.0:
+        return 0.0
+    up = a > 0.0
+    r = -a / limits[3, 0 if up else 1]
+    room = limits[1, 1] - (v + 0.5 * a * r) if up else v + 0.5 * a * r - limits[1, 0]
+    return r if room < TIGHT * (limits[1, 1] - limits[1, 0]) else 0.0
+
+
+@parallel
+def _basis(T: Array, x: float, b: Array) -> int:
+    """Write the four cubic B-splines b (4,) at x over breakpoints T (N + 1,); return the index of the first one."""
+    N = T.size - 1
+    k = min(max(int(np.searchsorted(T, x, side="right")) - 1, 0), N - 1)
+    b[0] = 1.0
+    for j in range(1, 4):
+        saved = 0.0
+        for r in range(j):
+            right, left = T[min(k + r + 1, N)], T[max(k + r + 1 - j, 0)]
+            part = b[r] / (right - left)
+            b[r] = saved + (right - x) * part
+            saved = (x - left) * part
+        b[j] = saved
+    return k
+
+
+@parallel
+def make_objective(T: Array, when: Array, weight: Array, A: Array, H: Array, B: Array, at: Indices) -> None:
+    """Write the bands H (4, N + 3) of the objective, and the basis B (k, 4) and its first indices at the instants.
+
+    The objective is Σ ½ weight (q(when) − target)² + ½ CUT ∫ q⃛².
+    """
+    H[:] = 0.0
+    w = np.zeros((4, H.shape[1]))
+    for i in range(T.size - 1):
+        w[3, i] = CUT * (T[i + 1] - T[i])
+    add_weighted(A, w, H)
+    for i in range(when.size):
+        if when[i] <= T[0]:
+            at[i] = -1
+            continue
+        at[i] = _basis(T, when[i], B[i])
+        for a in range(4):
+            for d in range(a + 1):
+                H[d, at[i] + a] += weight[i] * B[i, a] * B[i, a - d]
+
+
+@parallel
+def track(
+    state: Array, limits: Array, when: Array, target: Array, longest: float, knots: Array, count: Indices, c: Array
+) -> int:
+    """Write the joint motions nearest to targets, from a state to rest; return the first joint without one, or −1.
+
+    Shapes and units: state (3, n) [rad/s^i, m/s^i], limits (n, 4, 2) of position to jerk, lower and upper, when (k,) [s],
+    target (k, n) [rad, m], longest [s]; knots (n, K) [s], count (n,) of knots, cubics c (n, 4, K), highest power first.
+    """
+    n, most = state.shape[1], knots.shape[1]
+    slowest, ramp = 0.0, 0.0
+    for j in range(n):
+        a = min(limits[j, 2, 1], -limits[j, 2, 0])
+        ramp = max(ramp, a / min(limits[j, 3, 1], -limits[j, 3, 0]))
+        slowest = max(slowest, max(limits[j, 1, 1], -limits[j, 1, 0]) / a)
+    end = when[-1] + 1.1 * (slowest + ramp)
+    first, growth = min(max(0.3 * ramp, 2e-3), 0.02), 1.6 if ramp < 0.02 else 1.2
+    control, x0, last = np.empty(most), np.empty(3), when.size - 1
+    t, w = np.empty(when.size + most), np.empty(when.size + most)
+    B, at, jerk = np.empty((t.size, 4)), np.empty(t.size, dtype=np.int64), np.empty(most)
+    f, A, H, W = np.empty((3, 0)), np.empty((9, 0)), np.empty((4, 0)), np.empty((15, 4, 0))
+    rest = np.array([np.nan, 0.0, 0.0])
+    usual, samples = False, 0  # whether the spline is that of a joint without a ramp
+    for j in range(n):
+        x0[:] = state[:, j]
+        r = ramp_of(x0[1], x0[2], limits[j])
+        lead = 1 if r > 0.0 else 0
+        knots[j, 0] = 0.0
+        if lead:
+            _ramp(x0, r, c[j])
+        N = lay_grid(r, end, first, growth, longest, knots[j, lead:]) - 1
+        T, size = knots[j, lead : lead + N + 1], N + 3
+        count[j] = N + 1 + lead
+        if lead or not usual:
+            f, A, H, W = np.empty((3, size)), np.empty((9, size)), np.empty((4, size)), np.empty((15, 4, size))
+            make_factors(T, f)
+            make_stencils(f, A)
+            samples = _list_instants(T, when, longest, t, w)
+            make_objective(T, t[:samples], w[:samples], A, H, B, at)
+            usual = not lead
+        control[0] = x0[0]
+        control[1] = x0[0] + x0[1] / f[0, 0]
+        control[2] = control[1] + (x0[1] + x0[2] / f[1, 0]) / f[0, 1]
+        g = np.zeros(size)
+        for i in range(samples):
+            for a in range(4):
+                if at[i] >= 0:
+                    g[at[i] + a] -= w[i] * B[i, a] * target[min(i, last), j]
+        if minimise((f, A), H, g, limits[j], control[:size], W) < 0:
+            return j
+        jerk[:N] = W[ROWS, 3, :N]
+        integrate(T, jerk[:N], x0, rest, c[j, :, lead:])
+    return -1
+
+
+@parallel
+def _ramp(x: Array, r: float, c: Array) -> None:
+    """Write the first cubic, which ends the acceleration of a state x (3,) in r [s]; x becomes the state after it."""
+    q, v, a = x[0], x[1], x[2]
+    jerk = -a / r
+    c[0, 0], c[1, 0], c[2, 0], c[3, 0] = jerk / 6.0, 0.5 * a, v, q
+    x[0], x[1], x[2] = q + r * (v + r * (0.5 * a + r * jerk / 6.0)), v + 0.5 * r * a, 0.0
+
+
+@parallel
+def _list_instants(T: Array, when: Array, longest: float, t: Array, w: Array) -> int:
+    """Write the instants of the targets and of the hold after them, with their weights; return their number."""
+    k = when.size
+    t[:k], w[:k] = when, 0.5 * longest
+    for i in range(T.size):
+        if T[i] > when[-1] + 0.25 * longest:
+            t[k], w[k] = T[i], HOLD * longest
+            k += 1
+    return k

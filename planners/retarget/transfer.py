@@ -1,0 +1,120 @@
+"""Time-optimal joint motions between two states, by Ruckig (Berscheid and Kröger, RSS 2021); each is judged like any other."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import ruckig
+
+from optik.types import Array, Flags
+from planners.retarget.cubics import JointCubics, join_phases
+
+INSIDE = 1e-9
+"""Distance [rad, m] to the end of a range at which a jogged joint stops."""
+
+
+class Transfer:
+    """Motions between states within the limits (n, 4, 2) of position, velocity, acceleration and jerk, lower and upper."""
+
+    def __init__(self, limits: Array) -> None:
+        self.n, self._limits = len(limits), limits
+        self._solver = ruckig.Ruckig(self.n)
+        jerk = np.minimum(limits[:, 3, 1], -limits[:, 3, 0])
+        self._sides = [*(limits[:, i, side].tolist() for i in (1, 2) for side in (0, 1)), jerk.tolist()]
+
+    def to_state(
+        self, state: Array, goal: Array, most: Array | None = None, together: bool = True
+    ) -> JointCubics | None:
+        """Return the motion from a state (3, n) to a goal (3, n), with joints that end together or each at once.
+
+        `most` (2, n) are other limits on the velocity, lower and upper.
+        """
+        answer = self.find(state, goal, most, together)
+        return None if answer is None else join(state, goal, [_phases(answer)])
+
+    def find(self, state: Array, goal: Array, most: Array | None = None, together: bool = True) -> Any:
+        """Return Ruckig's trajectory from a state to a goal, or None; see `to_state`."""
+        problem = self._problem(state, goal)
+        if most is not None:
+            problem.min_velocity, problem.max_velocity = most[0].tolist(), most[1].tolist()
+        problem.target_position = goal[0].tolist()
+        if not together:
+            problem.synchronization = ruckig.Synchronization.No
+        return self._solve(problem)
+
+    def jog(self, state: Array, velocity: Array, hold: float) -> JointCubics | None:
+        """Return the motion to a joint velocity (n,), which is stopped `hold` [s] after the start, or at the end of a range."""
+        target = np.zeros((3, self.n))
+        target[1] = np.clip(velocity, self._limits[:, 1, 0], self._limits[:, 1, 1])
+        ramp = self._velocity_phases(state, target)
+        if ramp is None:
+            return None
+        h, j = ramp
+        ends = np.minimum(np.cumsum(h, axis=1), hold)
+        held = np.diff(np.column_stack([ends, np.full(self.n, hold)]), axis=1, prepend=0.0), np.pad(j, ((0, 0), (0, 1)))
+        free = np.full((3, self.n), np.nan)
+        before = join(state, free, [held])
+        stop = self._velocity_phases(np.array([before(before.end, order) for order in range(3)]), np.zeros((3, self.n)))
+        if stop is None:
+            return None
+        goal = np.zeros((3, self.n))
+        goal[0] = np.nan
+        motion = join(state, goal, [held, stop])
+        goal[0] = motion(motion.end)
+        low, high = self._limits[:, 0, 0] + INSIDE, self._limits[:, 0, 1] - INSIDE
+        outside = (goal[0] < low) | (goal[0] > high)
+        if not outside.any():
+            return motion
+        # A joint that would leave its range moves to the end of it instead, no faster.
+        goal[0] = np.clip(goal[0], low, high)
+        most = np.where(outside, np.maximum(np.abs(target[1]), 1e-3), np.inf)
+        limit = np.clip(np.stack([-most, most]), self._limits[:, 1, 0], self._limits[:, 1, 1])
+        other = self.to_state(state, goal, limit, together=False)
+        return None if other is None else _choose(outside, other, motion)
+
+    def _problem(self, state: Array, goal: Array) -> Any:
+        problem = ruckig.InputParameter(self.n)
+        problem.current_position, problem.current_velocity, problem.current_acceleration = state.tolist()
+        problem.target_velocity, problem.target_acceleration = goal[1].tolist(), goal[2].tolist()
+        problem.min_velocity, problem.max_velocity, problem.min_acceleration, problem.max_acceleration = self._sides[:4]
+        problem.max_jerk = self._sides[4]
+        return problem
+
+    def _velocity_phases(self, state: Array, target: Array) -> tuple[Array, Array] | None:
+        problem = self._problem(state, target)
+        problem.control_interface = ruckig.ControlInterface.Velocity
+        problem.synchronization = ruckig.Synchronization.No
+        answer = self._solve(problem)
+        return None if answer is None else _phases(answer)
+
+    def _solve(self, problem: Any) -> Any:
+        answer = ruckig.Trajectory(self.n)
+        try:
+            result = self._solver.calculate(problem, answer)
+        except (ruckig.RuckigError, RuntimeError):
+            return None
+        return answer if result in (ruckig.Result.Working, ruckig.Result.Finished) else None
+
+
+def _phases(answer: Any) -> tuple[Array, Array]:
+    """Return durations [s] and jerks (n, k) of Ruckig's trajectory."""
+    profiles = answer.profiles[0]
+    return np.array([p.brake.t + p.t for p in profiles]), np.array([p.brake.j + p.j for p in profiles])
+
+
+def join(state: Array, goal: Array, parts: list[tuple[Array, Array]]) -> JointCubics:
+    """Return the motion of phases of constant jerk (durations and jerks (n, k)) from a state (3, n) to a goal (3, n)."""
+    h, j = (np.concatenate([part[i] for part in parts], axis=1) for i in range(2))
+    n, k = h.shape
+    knots, count, c = np.zeros((n, 3 * k + 1)), np.zeros(n, dtype=np.int64), np.zeros((n, 4, 3 * k))
+    join_phases(h, j, (state, goal), knots, count, c)
+    return JointCubics(knots, count, c)
+
+
+def _choose(which: Flags, first: JointCubics, second: JointCubics) -> JointCubics:
+    """Return the motion with some joints of the first and the others of the second."""
+    size = max(first.knots.shape[1], second.knots.shape[1])
+    a, b = ((np.pad(m.knots, ((0, 0), (0, size - m.knots.shape[1]))), m.count,
+             np.pad(m.c, ((0, 0), (0, 0), (0, size - 1 - m.c.shape[2])))) for m in (first, second))  # fmt: skip
+    return JointCubics(*(np.where(which.reshape(-1, *[1] * (x.ndim - 1)), x, y) for x, y in zip(a, b, strict=True)))
