@@ -24,9 +24,10 @@ gradient is as small as the third value, or the complementarity as small as the 
 is an answer, and rounding keeps some gradients from falling further."""
 FIRST_SLACK, FIRST_MULTIPLIER, PART_OF_STEP = 0.1, 0.01, 0.995
 """Least slack and multiplier of the first iterate, and the fraction of a step to the boundary that is taken."""
-S1, S2, L1, L2, R1, R2, I1, I2, P1, P2, N1, N2, M1, M2, ROWS = range(15)
+S1, S2, L1, L2, R1, R2, I1, I2, P1, P2, N1, N2, M1, M2, ROWS, WEIGHT, NET = range(17)
 """Work arrays over the rows: slacks of the lower and the upper side, multipliers, residuals, inverse slacks, products of the
-first direction, directions of slacks and of multipliers, and the values of rows."""
+first direction, directions of slacks and of multipliers, values of rows,
+weights in the normal matrix, and differences of multipliers."""
 
 
 @parallel
@@ -218,38 +219,20 @@ def _begin(W: Array, box: Array) -> bool:
 
 @parallel
 def _prepare(W: Array, box: Array) -> tuple[float, float]:
-    """Write residuals, inverse slacks, and zero products; return the sum of complementarities and the largest residual."""
+    """Write residuals, inverse slacks and weights; return the sum of complementarities and the largest residual."""
     gap, infeasible, N = 0.0, 0.0, W.shape[2] - 3
-    W[P1], W[P2] = 0.0, 0.0
+    W[P1], W[P2], W[WEIGHT], W[NET] = 0.0, 0.0, 0.0, 0.0
     for k in range(4):
         for i in range(3 - k, N + 1 if k < 2 else N):
             z = (W[ROWS, k, i] - box[0, k]) * box[1, k]
             W[R1, k, i], W[R2, k, i] = z + 1.0 - W[S1, k, i], 1.0 - z - W[S2, k, i]
             W[I1, k, i], W[I2, k, i] = 1.0 / W[S1, k, i], 1.0 / W[S2, k, i]
+            W[WEIGHT, k, i] = (W[L1, k, i] * W[I1, k, i] + W[L2, k, i] * W[I2, k, i]) * box[1, k] ** 2
+            W[NET, k, i] = (W[L2, k, i] - W[L1, k, i]) * box[1, k]
         for i in range(3 - k, N + 1 if k < 2 else N):
             gap += W[S1, k, i] * W[L1, k, i] + W[S2, k, i] * W[L2, k, i]
             infeasible = max(infeasible, max(abs(W[R1, k, i]), abs(W[R2, k, i])))
     return gap, infeasible
-
-
-@parallel
-def _weigh(W: Array, box: Array) -> None:
-    """Write the weights of the rows in the normal matrix."""
-    N = W.shape[2] - 3
-    W[ROWS] = 0.0
-    for k in range(4):
-        for i in range(3 - k, N + 1 if k < 2 else N):
-            W[ROWS, k, i] = (W[L1, k, i] * W[I1, k, i] + W[L2, k, i] * W[I2, k, i]) * box[1, k] ** 2
-
-
-@parallel
-def _multiply(W: Array, box: Array) -> None:
-    """Write the differences of the multipliers of both sides, in units of the rows."""
-    N = W.shape[2] - 3
-    W[ROWS] = 0.0
-    for k in range(4):
-        for i in range(3 - k, N + 1 if k < 2 else N):
-            W[ROWS, k, i] = (W[L2, k, i] - W[L1, k, i]) * box[1, k]
 
 
 @parallel
@@ -312,7 +295,7 @@ def minimise(spline: tuple[Array, Array], H: Array, g: Array, limits: Array, c: 
     the rows.
 
     Shapes and units: spline f (3, N + 3) of `make_factors` and A (9, N + 3) of `make_stencils`, H (4, N + 3) bands, g (N + 3,),
-    limits (4, 2) [rad/s^i, m/s^i], W (15, 4, N + 3).
+    limits (4, 2) [rad/s^i, m/s^i], W (17, 4, N + 3).
     """
     (f, A), size = spline, c.size
     F, fold, box = np.empty((4, size)), np.empty((4, size - 5)), np.empty((2, 4))
@@ -334,15 +317,12 @@ def minimise(spline: tuple[Array, Array], H: Array, g: Array, limits: Array, c: 
     for step in range(1, MOST_STEPS + 1):
         gap, infeasible = _prepare(W, box)
         mean = gap / (8 * size - 32)
-        _multiply(W, box)
         _gradient(H, g, c, scale, gradient)
-        _add_transposed(f, W[ROWS], gradient)
+        _add_transposed(f, W[NET], gradient)
         if mean < GAP and infeasible < INFEASIBLE and (mean < NO_GAP or _largest(gradient) < GRADIENT):
-            make_rows(f, c, W[ROWS])
             return step
-        _weigh(W, box)
         F[:] = scale * H
-        add_weighted(A, W[ROWS], F)
+        add_weighted(A, W[WEIGHT], F)
         _fold_matrix(F, fold)
         if not _regularise(fold, 1e-14):
             return -1

@@ -1,4 +1,4 @@
-"""The pace of a reference: s(t) by a backward and a forward sweep, which nearly respects the limits. Tracking enforces them."""
+"""The pace of a reference: s(t) by two sweeps, which nearly respects the limits; tracking enforces them."""
 
 from __future__ import annotations
 

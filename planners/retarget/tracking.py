@@ -18,7 +18,7 @@ HOLD = 2.0
 """Weight of the distance to the last target after its instant, over that before."""
 SPARE = 1e-7
 """Fraction of the limits that is not used: the iteration respects them to its rounding."""
-FEWEST = 6
+LEAST_INTERVALS = 6
 """Least number of intervals of a spline."""
 
 
@@ -26,7 +26,7 @@ FEWEST = 6
 def lay_grid(begin: float, end: float, first: float, growth: float, longest: float, T: Array) -> int:
     """Write breakpoints T from `begin` to `end` or later [s], whose distances grow to `longest`; return their number."""
     T[0], k, h = begin, 0, first
-    while (T[k] < end or k < FEWEST) and k < T.size - 1:
+    while (T[k] < end or k < LEAST_INTERVALS) and k < T.size - 1:
         k += 1
         T[k] = T[k - 1] + h
         h = min(h * growth, longest)
@@ -102,7 +102,7 @@ def track(
     control, x0, last = np.empty(most), np.empty(3), when.size - 1
     t, w = np.empty(when.size + most), np.empty(when.size + most)
     B, at, jerk = np.empty((t.size, 4)), np.empty(t.size, dtype=np.int64), np.empty(most)
-    f, A, H, W = np.empty((3, 0)), np.empty((9, 0)), np.empty((4, 0)), np.empty((15, 4, 0))
+    f, A, H, W = np.empty((3, 0)), np.empty((9, 0)), np.empty((4, 0)), np.empty((17, 4, 0))
     rest = np.array([np.nan, 0.0, 0.0])
     usual, samples = False, 0  # whether the spline is that of a joint without a ramp
     for j in range(n):
@@ -116,7 +116,7 @@ def track(
         T, size = knots[j, lead : lead + N + 1], N + 3
         count[j] = N + 1 + lead
         if lead or not usual:
-            f, A, H, W = np.empty((3, size)), np.empty((9, size)), np.empty((4, size)), np.empty((15, 4, size))
+            f, A, H, W = np.empty((3, size)), np.empty((9, size)), np.empty((4, size)), np.empty((17, 4, size))
             make_factors(T, f)
             make_stencils(f, A)
             samples = _list_instants(T, when, longest, t, w)

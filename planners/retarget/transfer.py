@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import ruckig
 
 from optik.types import Array, Flags
 from planners.retarget.cubics import JointCubics, join_phases
@@ -19,7 +18,9 @@ class Transfer:
 
     def __init__(self, limits: Array) -> None:
         self.n, self._limits = len(limits), limits
-        self._solver = ruckig.Ruckig(self.n)
+        import ruckig  # only where it is used, because it loads for long
+
+        self._ruckig, self._solver = ruckig, ruckig.Ruckig(self.n)
         jerk = np.minimum(limits[:, 3, 1], -limits[:, 3, 0])
         self._sides = [*(limits[:, i, side].tolist() for i in (1, 2) for side in (0, 1)), jerk.tolist()]
 
@@ -40,7 +41,7 @@ class Transfer:
             problem.min_velocity, problem.max_velocity = most[0].tolist(), most[1].tolist()
         problem.target_position = goal[0].tolist()
         if not together:
-            problem.synchronization = ruckig.Synchronization.No
+            problem.synchronization = self._ruckig.Synchronization.No
         return self._solve(problem)
 
     def jog(self, state: Array, velocity: Array, hold: float) -> JointCubics | None:
@@ -74,7 +75,7 @@ class Transfer:
         return None if other is None else _choose(outside, other, motion)
 
     def _problem(self, state: Array, goal: Array) -> Any:
-        problem = ruckig.InputParameter(self.n)
+        problem = self._ruckig.InputParameter(self.n)
         problem.current_position, problem.current_velocity, problem.current_acceleration = state.tolist()
         problem.target_velocity, problem.target_acceleration = goal[1].tolist(), goal[2].tolist()
         problem.min_velocity, problem.max_velocity, problem.min_acceleration, problem.max_acceleration = self._sides[:4]
@@ -83,18 +84,18 @@ class Transfer:
 
     def _velocity_phases(self, state: Array, target: Array) -> tuple[Array, Array] | None:
         problem = self._problem(state, target)
-        problem.control_interface = ruckig.ControlInterface.Velocity
-        problem.synchronization = ruckig.Synchronization.No
+        problem.control_interface = self._ruckig.ControlInterface.Velocity
+        problem.synchronization = self._ruckig.Synchronization.No
         answer = self._solve(problem)
         return None if answer is None else _phases(answer)
 
     def _solve(self, problem: Any) -> Any:
-        answer = ruckig.Trajectory(self.n)
+        answer = self._ruckig.Trajectory(self.n)
         try:
             result = self._solver.calculate(problem, answer)
-        except (ruckig.RuckigError, RuntimeError):
+        except (self._ruckig.RuckigError, RuntimeError):
             return None
-        return answer if result in (ruckig.Result.Working, ruckig.Result.Finished) else None
+        return answer if result in (self._ruckig.Result.Working, self._ruckig.Result.Finished) else None
 
 
 def _phases(answer: Any) -> tuple[Array, Array]:
