@@ -32,6 +32,7 @@ from benchmarks.cli.paths import (
 from benchmarks.cli.program import CheckProgramCommand, ProgramCommand
 from benchmarks.cli.robot import FkCommand, IkCommand, RobotsCommand
 from benchmarks.cli.runs import CompareCommand, DemoCommand, ReportCommand, RunCommand
+from benchmarks.cli.stream import StreamCommand
 from optik.errors import InvalidMotion, NoSolution, OptikError, OutputError
 from optik.plugins import files
 
@@ -83,6 +84,7 @@ add_command(plan_app, "program", ProgramCommand, "plan program cycle.toml --out 
 add_command(program_app, "check", CheckProgramCommand, "program check cycle.toml")
 add_command(app, "certify", CertifyCommand, "certify log.csv --robot ur5e --ignore effort --jerk 100")
 add_command(app, "drive", DriveCommand, "drive line.json --on mujoco")
+add_command(app, "stream", StreamCommand, "stream chunks.csv --robot panda --jerk 5000 --on mujoco")
 add_command(app, "view", ViewCommand, "view line.json --html line.html")
 add_command(app, "cell", CellCommand, "cell --miscalibration 3,5 --corrections 2 --readings 10")
 add_command(app, "demo", DemoCommand, "demo")

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from optik.arm.robot import Robot
 from optik.check import check_number, real_array
 from optik.errors import InvalidInput
+from optik.tables import Names, read_table
 from optik.types import Array
 
 FEWEST, MOST = 4, 1000
@@ -66,3 +69,47 @@ def repair(chunk: Chunk, lower: Array, upper: Array) -> tuple[Array, float, int]
     while len(P) < FEWEST:
         P, rate = np.insert(P, range(1, len(P)), 0.5 * (P[1:] + P[:-1]), axis=0), 2.0 * rate
     return P, rate, changed
+
+
+def load_chunks(file: str | os.PathLike[str], robot: Robot, rate: float, *, columns: Names = None) -> list[Chunk]:
+    """Read the chunks of a table with the columns observed, index, and the joints in the robot's order.
+
+    Parameters
+    ----------
+    file : str or path
+        A table with a header, such as ``observed,index,q1_deg,q2_deg,…``. Rows with the same time of observation are one
+        chunk, in the order of their index.
+    robot : Robot
+        The arm.
+    rate : float
+        Targets per second [1/s].
+    columns : str or sequence of str, optional
+        Names of the columns of a file without a header, or new names.
+
+    Returns
+    -------
+    list of Chunk
+        By time of observation.
+
+    Raises
+    ------
+    InvalidInput
+        Missing or other columns, cells that are not numbers, a chunk with fewer than two targets.
+    """
+    joints = {f"q{i + 1}": "m" if slides else "rad" for i, slides in enumerate(robot.prismatic)}
+    expected = f"columns observed,index,{','.join(joints)} (or q1_deg,… or the names of the joints)"
+    table = read_table(file, columns)
+    names = dict(zip(robot.joint_names, joints, strict=True))
+    table = table._replace(columns={names.get(name, name): column for name, column in table.columns.items()})
+    table = table.resolve(joints | {"observed": "s", "index": ""})
+    table.refuse_others(["observed", "index", *joints], expected)
+    if len(table.columns) != robot.n + 2:
+        raise table.make_header_error(expected)
+    observed, index = table.read_numbers(["observed"])[:, 0], table.read_numbers(["index"])[:, 0]
+    q, chunks = table.read_numbers(list(joints)), []
+    for t in np.unique(observed):
+        rows = np.flatnonzero(observed == t)
+        if rows.size < 2:
+            raise InvalidInput(table.locate(int(rows[0])), f"one target observed at {t:g} s", "at least two")
+        chunks.append(Chunk(q[rows[np.argsort(index[rows], kind="stable")]], rate, float(t)))
+    return chunks

@@ -91,7 +91,7 @@ class Stream(Iterator[Setpoint]):
             raise InvalidInput("source", repr(source)[:60], "a function of the present set-point")
         self.robot, self.rate = robot, check_number(rate, "rate", "set-points per second, above 0", above=0.0)
         self._source, self._realtime = source, check_flag(realtime, "realtime")
-        self._budget = check_number(budget, "budget", "seconds, at least 0", least=0.0)
+        self.budget = check_number(budget, "budget", "seconds, at least 0", least=0.0)
         self._silence = None if silence is None else check_number(silence, "silence", "seconds, at least 0", least=0.0)
         self.engine = Retargeter(robot, **options)
         self._running, self._begin = self._first(start), 0.0
@@ -99,6 +99,8 @@ class Stream(Iterator[Setpoint]):
         self._pool = ThreadPoolExecutor(1) if realtime else None
         self._work: tuple[Future[tuple[Retargeted, float]], float] | None = None
         self._tick, self._began, self._heard, self._stopping = -1, 0.0, 0.0, False
+        self.announce: Callable[[Retargeted, float], None] = lambda motion, begin: None
+        """Called with each motion that was proved and the time at which it begins [s], before it does."""
         self._kept: Counter[str] = Counter()
         self._joined = self._late = self._missed = self._skipped = 0
         self._cpu, self._delay = (deque[float](maxlen=KEPT_TIMES) for _ in range(2))
@@ -175,7 +177,7 @@ class Stream(Iterator[Setpoint]):
         if target is None:
             return
         self._heard = now.t
-        at = ceil((now.t + self._budget) * self.rate - 1e-9) / self.rate
+        at = ceil((now.t + self.budget) * self.rate - 1e-9) / self.rate
         base, begin = (self._next[0].curve, self._next[1]) if self._next is not None else (self._running, self._begin)
         at = max(at, begin)
         if self._pool is None:
@@ -202,6 +204,7 @@ class Stream(Iterator[Setpoint]):
             self._kept[found.reason] += 1
         else:
             self._next = found, at
+            self.announce(found, at)
 
     def _join(self, t: float) -> Retargeted | None:
         """Return the motion that begins now, if one does; a result that came after its instant is dropped."""

@@ -17,13 +17,15 @@ from optik.check import check_count, real_array
 from optik.errors import InvalidInput
 from optik.types import Array, Flags
 from planners.cell.drives import _checks
+from planners.cell.drives._follow import Followed
 from planners.cell.drives._run import Commands, DriveRun, Steps, interpolate
 from planners.cell.drives._stop import refuse, resume_execution
 from planners.cell.drives.base import Drive, Execution, Moment, StopRequest, Watcher
 from planners.cell.drives.options import make_options
-from planners.cell.drives.setpoints import fit_periods, make_setpoints
+from planners.cell.drives.setpoints import Setpoints, fit_periods, make_setpoints
 from planners.certificate.violation import Allow, check_allow
 from planners.plan import Plan
+from planners.retarget.stream import Stream
 
 BRAKING = 10.0
 """Largest time in which the brakes must bring the arm to rest [s]."""
@@ -149,6 +151,38 @@ class SimulatedDrive(Drive):
         execution is `Execution.before` of the result.
         """
         return resume_execution(self, execution, self.options.start, {"stop": stop, "watch": watch, "allow": allow})
+
+    def follow(self, stream: Stream) -> Followed:
+        """Take the arm along the set-points of a stream; see `Drive.follow`."""
+        if abs(stream.rate * self.period - 1.0) > 1e-9:
+            expected = f"{1.0 / self.period:g}: one for each period of the drive"
+            raise InvalidInput("stream", f"{stream.rate:g} set-points per second", expected)
+        before = next(stream)
+        if not self._placed:
+            self._put(before.q)
+        rows, fault = [(before.t, before.q, self.measure())], ""
+        off = np.nan_to_num(np.abs(rows[0][2] - before.q), nan=np.inf)
+        i = int((off / self.options.start).argmax())
+        if off[i] > self.options.start[i]:
+            where = _checks.describe_start(self.robot, i, rows[0][2][i], before.q[i], self.options.start[i])
+            raise InvalidInput("stream", where, "a stream that begins at the arm's present configuration")
+        for now in stream:
+            pair = (np.stack(two) for two in zip(before[1:4], now[1:4], strict=True))
+            periods = round((now.t - before.t) / self.period)  # more than one if the loop missed a tick
+            step = interpolate(
+                Setpoints(now.t - before.t, np.zeros(2), *pair), 0, self.steps * periods, self.options.hold
+            )
+            for k in range(0, self.steps * periods, self.steps):
+                self._advance(Commands(*(x[k : k + self.steps + 1] for x in step)), self._find_blocked())
+            rows.append((now.t, now.q, self.measure()))
+            off = np.nan_to_num(np.abs(rows[-1][2] - now.q), nan=np.inf)
+            i = int((off / self.options.following).argmax())
+            if off[i] > self.options.following[i] and not fault:
+                fault = f"{self.robot.joint_names[i]} is {off[i]:.3g} off its set-point at t = {now.t:.6g} s"
+                stream.stop()
+            before = now
+        t, setpoints, q = (np.array(x) for x in zip(*rows, strict=True))
+        return Followed(t, setpoints, q, stream.report(), fault)
 
     def _loop(self, run: DriveRun, stop_test: Callable[[float], bool], watch: Watcher | None) -> None:
         """Run all ticks: read the encoders, check for faults and stop requests, simulate one period."""

@@ -14,10 +14,12 @@ from optik.arm.robot import Robot
 from optik.errors import InvalidInput
 from optik.registry import ClassName
 from optik.types import Array
+from planners.cell.drives._follow import Followed
 from planners.cell.drives.setpoints import Setpoints
 from planners.certificate.violation import Allow
 from planners.motion.event import Event
 from planners.plan import Plan
+from planners.retarget.stream import Stream
 from planners.trajectory import Trajectory
 
 
@@ -223,6 +225,28 @@ class Drive(ABC):
         InvalidInput
             An execution that was not stopped.
         """
+
+    def follow(self, stream: Stream) -> Followed:
+        """Take the arm along a stream to its end at rest; stop the stream if a joint does not follow.
+
+        A simulated drive takes the set-points, one for each period. A drive of ROS sends each motion as it is joined.
+
+        Parameters
+        ----------
+        stream : Stream
+            Of `planners.stream`, which begins at the arm's present configuration.
+
+        Returns
+        -------
+        Followed
+            Set-points, measured positions, and the stream's report.
+
+        Raises
+        ------
+        InvalidInput
+            A stream of another rate or start, or a drive that takes no streams.
+        """  # noqa: DOC202
+        raise InvalidInput("drive", self.name, "a drive that takes streams, such as 'mujoco'")
 
     def _actual(self) -> Array:
         """Return the true configuration of the arm (n,) [rad, m]; of a real arm the measured one."""

@@ -12,8 +12,10 @@ from optik.check import check_flag, check_number
 from optik.errors import InvalidInput, NoSolution
 from optik.types import Array
 from planners.cell.drives._checks import START_ADVICE, check_plan, describe_start, find_violation, make_stop_test
+from planners.cell.drives._follow import Followed
 from planners.cell.drives._ros_goals import Stops, add_room, describe_exceeded, make_message, make_stops, motor_motion
 from planners.cell.drives._ros_run import RosOptions, RosRun
+from planners.cell.drives._ros_stream import follow_by_goals
 from planners.cell.drives._stop import check_stopped, refuse, relax
 from planners.cell.drives.base import Drive, Execution, ExecutionStatus, StopRequest, Watcher
 from planners.cell.drives.setpoints import PERIOD
@@ -23,6 +25,7 @@ from planners.following.joint_path import find_nearest_s
 from planners.plan import Plan
 from planners.program.result import ProgramPlan
 from planners.replan import replan
+from planners.retarget.stream import Stream
 from planners.ros.export import JointNames, find_columns
 from planners.ros.monitor import JointStates
 from planners.ros.transport import Transport
@@ -165,6 +168,16 @@ class RosDrive(Drive):
         onward = replan(relax(running, allow), (joints(s), still, still))
         onward = replace(onward, scene=plan.scene)
         return self.execute(onward, stop=stop, watch=watch, allow=allow)
+
+    def follow(self, stream: Stream) -> Followed:
+        """Send each motion of a stream to the controller, to begin at its time; see `Drive.follow`.
+
+        Each motion is sent before it begins, with its time on the robot's clock, so ``budget`` of the stream must be at least
+        the latency of the drive.
+        """
+        if not self.sends:
+            raise InvalidInput("execute", False, "True, because a stream has no dry run")
+        return follow_by_goals(self.joints, self.options, find_columns(self.robot, self.joint_names), stream)
 
     # ------------------------------------------------------------ before the start
 

@@ -1,0 +1,40 @@
+"""Followed: the record of a stream of set-points on a drive."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from optik.types import Array
+from planners.retarget.stream import StreamReport
+
+
+class Followed(NamedTuple):
+    """The record of a stream on a drive; it is true if nothing stopped the stream.
+
+    Attributes
+    ----------
+    t : (k,) array
+        Times of the set-points [s].
+    setpoints, q : (k, n) arrays
+        The set-points, and the measured positions at their times [rad, m].
+    report : StreamReport
+        What the stream did.
+    fault : str
+        Why the stream was stopped; empty if it was not.
+    """
+
+    t: Array
+    setpoints: Array
+    q: Array
+    report: StreamReport
+    fault: str = ""
+
+    def __bool__(self) -> bool:
+        return not self.fault
+
+    @property
+    def error(self) -> Array:
+        """Largest distance of each joint from its set-points (n,) [rad, m]."""
+        return np.asarray(np.abs(self.q - self.setpoints).max(axis=0))

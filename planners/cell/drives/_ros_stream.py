@@ -1,0 +1,57 @@
+"""A stream on a joint_trajectory_controller: each motion is a goal that begins at its time on the robot's clock."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+from optik.errors import InvalidInput, NoSolution
+from optik.scene.messages import NANOSECONDS
+from planners.cell.drives._follow import Followed
+from planners.cell.drives._ros_run import RosOptions
+from planners.retarget.result import Retargeted
+from planners.retarget.stream import Stream
+from planners.ros.message import Form, message_of
+from planners.ros.monitor import JointStates
+from planners.ros.replies import write_time
+from planners.ros.transport import Goal
+
+SHORTEST_STEP = 1000
+"""Least time between two points of a goal [ns]."""
+
+
+def follow_by_goals(joints: JointStates, options: RosOptions, columns: dict[str, int], stream: Stream) -> Followed:
+    """Send each motion of a stream before it begins; stop the stream if the controller refuses one, or if it is lost."""
+    if stream.budget < options.latency:
+        raise InvalidInput(
+            "budget", f"{stream.budget:g} s", f"at least the latency of the drive, {options.latency:g} s"
+        )
+    reason, advice = joints.wait_for_rest(options.patience)
+    if reason:
+        raise NoSolution(reason, advice=advice)
+    transport, goals = joints.transport, list[Goal]()
+    first, _, stamp, at = joints.read()
+    before = next(stream)
+    began = stamp + round((time.monotonic() - at) * NANOSECONDS)  # of the stream, on the robot's clock [ns]
+    off = np.abs(first - before.q)
+    if not off.max() <= options.start_tolerance:
+        where = f"{joints.robot.joint_names[int(off.argmax())]} is {off.max():.3g} off its start"
+        raise InvalidInput("stream", where, "a stream that begins at the arm's present configuration")
+
+    def send(motion: Retargeted, begin: float) -> None:
+        times = np.round(motion.trajectory.knots * NANOSECONDS).astype(np.int64)
+        times = times[np.append(np.diff(times) >= SHORTEST_STEP, True)]
+        message = message_of(motion.trajectory, times, Form("quintic", columns))
+        header = message["header"] | {"stamp": write_time(began + round(begin * NANOSECONDS))}
+        goals.append(transport.send(message | {"header": header}))
+
+    stream.announce, fault, rows = send, "", [(before.t, before.q, first)]
+    for now in stream:
+        rows.append((now.t, now.q, joints.read().q))
+        refused = goals[-1].refused if goals else ""
+        if (transport.lost or refused) and not fault:
+            fault = transport.lost or f"the controller refused a motion: {refused}"
+            stream.stop()
+    t, setpoints, q = (np.array(x) for x in zip(*rows, strict=True))
+    return Followed(t, setpoints, q, stream.report(), fault)
