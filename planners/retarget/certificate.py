@@ -21,7 +21,7 @@ from planners.certificate.violation import Violation, word_of_limit
 from planners.limits import DERIVATIVES, Extreme, MotionLimits, ToolExtreme, kind_of
 from planners.limits.base import sides
 from planners.retarget.cubics import JointCubics, cubic_extrema
-from planners.trajectory import State, Trajectory
+from planners.trajectory import Trajectory
 
 CONTINUOUS = 1e-9
 """Largest discontinuity of q, q̇ and q̈ that counts as rounding [rad, rad/s, rad/s², or m]."""
@@ -121,9 +121,9 @@ def other_limits(limits: MotionLimits) -> tuple[str, ...]:
 
 
 def certify_joined(
-    robot: Robot, curve: JointCubics | Trajectory, limits: MotionLimits, state: State, scene: Scene | None
+    robot: Robot, curve: JointCubics | Trajectory, limits: MotionLimits, state: Array, scene: Scene | None
 ) -> StreamCertificate:
-    """Return the certificate of a motion that continues a state of the running motion."""
+    """Return the certificate of a motion that continues a state (3, n) of the running motion."""
     out, jump = np.empty((4, 4, robot.n)), np.empty(3)
     if isinstance(curve, JointCubics):
         cubic_extrema(curve.knots, curve.count, curve.c, out, jump)

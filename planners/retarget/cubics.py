@@ -12,6 +12,8 @@ from optik.types import Array, Indices
 from planners.trajectory import Trajectory
 from planners.trajectory.curve import Curve
 
+SAME_TIME = 1e-9
+"""Largest difference of times that are equal [s]."""
 SHORTEST, BRIEF_REST = 1e-12, 1e-3
 """Duration below which a phase is left out, and the third of that of a joint without any [s]."""
 
@@ -139,7 +141,7 @@ def join_phases(h: Array, j: Array, ends: tuple[Array, Array], knots: Array, cou
     Shapes and units: durations h (n, k) [s] and jerks j (n, k) [rad/s³, m/s³], two states (3, n), knots (n, K), count (n,),
     cubics c (n, 4, K).
     """
-    jerk = np.empty(knots.shape[1])
+    jerk, jerks, end = np.empty(knots.shape[1]), np.empty(knots.shape), 0.0
     for i in range(h.shape[0]):
         knots[i, 0], N = 0.0, 0
         parts = 3 if (h[i] > SHORTEST).sum() < 3 else 1  # three numbers are corrected
@@ -151,8 +153,14 @@ def join_phases(h: Array, j: Array, ends: tuple[Array, Array], knots: Array, cou
             N, jerk[:3] = 3, 0.0
             knots[i, 1:4] = np.arange(1, 4) * BRIEF_REST
         count[i] = N + 1
+        jerks[i, :N] = jerk[:N]
+        end = max(end, knots[i, N])
+    for i in range(h.shape[0]):
+        N = count[i] - 1
+        if end - knots[i, N] < SAME_TIME:  # joints that end together may still move there
+            knots[i, N] = end
         state, goal = ends[0][:, i].copy(), ends[1][:, i].copy()
-        integrate(knots[i, : N + 1], jerk[:N], state, goal, c[i])
+        integrate(knots[i, : N + 1], jerks[i, :N], state, goal, c[i])
 
 
 @parallel
@@ -195,6 +203,13 @@ class JointCubics(Curve):
     def end(self) -> float:
         """The duration [s]; a joint whose last knot is earlier is at rest after it."""
         return self._end
+
+    @property
+    def last(self) -> Array:
+        """Position, velocity and acceleration (3, n) of each joint at its own last knot, where it may still move."""
+        j, k = np.arange(self.count.size), self.count - 2
+        h, (a, b, v, q) = self.knots[j, k + 1] - self.knots[j, k], self.c[j, :, k].T
+        return np.stack([((a * h + b) * h + v) * h + q, (3.0 * a * h + 2.0 * b) * h + v, 6.0 * a * h + 2.0 * b])
 
     def _evaluate(self, x: Array, order: int) -> Array:
         out = np.empty((x.size, self.count.size))

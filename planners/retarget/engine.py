@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,9 +14,9 @@ from optik.errors import InvalidInput
 from optik.scene import Scene
 from optik.scene.contact import check_scene
 from optik.types import Array
-from planners.limits import DERIVATIVES, MotionLimits, PathPoints, kind_of
+from planners.limits import DERIVATIVES, MotionLimits, PathPoints, kind_of, symmetric_bound
 from planners.limits.base import sides
-from planners.retarget.certificate import certify_joined, other_limits, trajectory_of
+from planners.retarget.certificate import StreamCertificate, certify_joined, other_limits, trajectory_of
 from planners.retarget.chunk import Chunk, repair
 from planners.retarget.cubics import BRIEF_REST, JointCubics
 from planners.retarget.jog import Jog
@@ -24,17 +25,20 @@ from planners.retarget.reference import MOST_SPANS, fit_reference
 from planners.retarget.result import Reference, Retargeted, RetargetStatus, state_of
 from planners.retarget.tracking import SPARE, track
 from planners.retarget.transfer import Transfer
-from planners.trajectory import State, Trajectory, cut_before, join, make_rest
+from planners.trajectory import Trajectory, cut_before, join, make_rest
 
 SLOWER = (1.0, 0.8, 0.64)
 """Factors of the pace that are tried where a torque or another limit of the whole arm is exceeded or not proved."""
-TRIED, MOST_KNOTS = 31, 600
-"""Places of a chunk among which the nearest one to the arm is chosen, and the largest number of knots of a joint."""
+SMALL_PART, LEAST_FACTOR = 0.1, 0.3
+"""Part of a joint in a torque rate below which its jerk is not reduced, and least factor of limits in one try."""
+SHORTEST_WINDOW = 0.02
+"""Shortest window over which a pace is averaged [s]."""
+TRIED = 31
+"""Places of a chunk among which the nearest one to the arm is chosen."""
 LATEST = 0.98
 """Latest entry into a chunk, over its duration."""
-ENTRIES, TRIED_ENTRIES, LAST_ENTRY = 6, 3, 0.95
-"""Entries into a plan whose durations are computed, and again beside the best one; the number of motions that are judged; and
-the last entry, over the duration of the plan."""
+ENTRIES, LAST_ENTRY = 6, 0.95
+"""Entries into a plan whose durations are computed, and again beside the best one; the last one, over the plan's duration."""
 
 
 class _Samples:
@@ -52,6 +56,20 @@ class _Samples:
         return twists
 
 
+class _Made(NamedTuple):
+    """A motion, or None and the reason; then skipped and repaired targets, and the reference of a chunk."""
+
+    curve: JointCubics | Trajectory | None
+    reason: str = "Ruckig found no motion"
+    skipped: int = 0
+    repaired: int = 0
+    reference: Reference | None = None
+
+
+Make = Callable[[Array, int], _Made]
+"""Makes a motion within limits (n, 4, 2) of single joints, at the k-th try."""
+
+
 class Retargeter:
     """Retargets one arm; see `planners.retarget` for the arguments."""
 
@@ -62,42 +80,54 @@ class Retargeter:
         self.robot, self.limits = robot, MotionLimits.of(robot) if limits is None else limits
         if not isinstance(self.limits, MotionLimits):
             raise InvalidInput("limits", repr(limits)[:60], "an object of the class MotionLimits")
-        self._box = _box(robot, self.limits)
-        self._tolerance = check_number(tolerance, "tolerance", "a distance [rad, m] above 0", above=0.0)
-        self._pace = check_number(pace, "pace", "a number above 0", above=0.0)
-        self._longest = check_number(longest, "longest", "seconds above 0", above=0.0)
+        self.box = _box(robot, self.limits)
+        self.tolerance = check_number(tolerance, "tolerance", "a distance [rad, m] above 0", above=0.0)
+        self.pace = check_number(pace, "pace", "a number above 0", above=0.0)
+        self.longest = check_number(longest, "longest", "seconds above 0", above=0.0)
         if align not in ("nearest", "clock"):
             raise InvalidInput("align", repr(align)[:60], "'nearest' or 'clock'")
-        self._nearest, self.scene = align == "nearest", scene
+        self.nearest, self.scene = align == "nearest", scene
         check_scene(robot, scene)
-        self._others = other_limits(self.limits)
+        self.others = other_limits(self.limits)
         if any(np.ndim(self.limits.value(name)) for name in ("tool_speed", "rotation_speed")):
             raise InvalidInput(
                 "limits", "tool speeds for the segments of a path", "one tool speed for the whole motion"
             )
-        box = self._box
-        self._ramp = float((np.minimum(box[:, 2, 1], -box[:, 2, 0]) / np.minimum(box[:, 3, 1], -box[:, 3, 0])).max())
-        self._transfer = Transfer(box)
+        self._usual = Transfer(self.box)
 
     def run(self, running: JointCubics | Trajectory, at: float, onto: Any) -> Retargeted:
         """Return the motion onto a target, from the running motion's state at a time [s]."""
-        state = state_of(running, at)
-        X = np.array(state)
-        if words := self._refuse_state(X):
-            return self._keep(running, at, state, words)
+        X = np.array(state_of(running, at))
+        status, tries = RetargetStatus.GOAL, len(SLOWER)
         if isinstance(onto, Chunk):
-            return self._join_chunk(running, at, state, onto)
-        if isinstance(onto, Jog):
+            status, tries = RetargetStatus.JOINED, tries if self.others else 1
+            make: Make = ChunkFollower(self, X, onto, at).make
+        elif isinstance(onto, Jog):
             velocity = _joints(onto.velocity, self.robot.n, "velocity")
-            return self._judge(running, at, state, self._transfer.jog(X, velocity, onto.hold), RetargetStatus.GOAL)
-        if hasattr(onto, "trajectory"):
-            return self._join_plan(running, at, state, onto)
-        return self._go(running, at, state, _joints(onto, self.robot.n, "onto"))
+            make = lambda box, k: _Made(self._transfer(box).jog(X, velocity, onto.hold))  # noqa: E731
+        elif hasattr(onto, "trajectory"):
+            status, make = RetargetStatus.JOINED, self._enter(X, trajectory_of(onto.trajectory))
+        else:
+            make = self._go(X, _joints(onto, self.robot.n, "onto"))
+        made, reason, box = _Made(None), self._refuse_state(X), self._first_box(X)
+        for k in range(0 if reason else tries):
+            made = make(box, k)
+            if made.curve is None:
+                reason = reason or made.reason
+                break
+            proof = certify_joined(self.robot, made.curve, self.limits, X, self.scene)
+            if proof.is_valid:
+                return Retargeted(status, "", self.robot, self.limits, at, made.curve, proof, *made[2:])
+            reason, box = reason or proof.reasons[0], self._tighten(box, proof, X)
+        rest = at >= running.end - BRIEF_REST
+        kept = make_rest(X[0], 3.0 * BRIEF_REST) if rest else cut_before(trajectory_of(running), at)
+        proof = certify_joined(self.robot, kept, self.limits, X, None)
+        return Retargeted(RetargetStatus.KEPT, reason, self.robot, self.limits, at, kept, proof, *made[2:])
 
     def _refuse_state(self, X: Array) -> str:
         """Return why no motion from a state (3, n) is within the limits, or nothing."""
         for order, name in enumerate(("position", *DERIVATIVES[:2])):
-            low, high = self._box[:, order, 0], self._box[:, order, 1]
+            low, high = self.box[:, order, 0], self.box[:, order, 1]
             spare = 1e-9 if order == 0 else 1e-6 * (high - low)
             outside = (X[order] < low - spare) | (X[order] > high + spare)
             if outside.any():
@@ -106,160 +136,159 @@ class Retargeter:
                 return f"the {name} of {self.robot.joint_names[i]} is {X[order, i]:.6g}, outside its limits {wide}"
         return ""
 
-    def _keep(self, running: JointCubics | Trajectory, at: float, state: State, reason: str, **more: Any) -> Retargeted:
-        """Return the rest of the running motion."""
-        rest = at >= running.end - BRIEF_REST
-        curve = make_rest(state[0], 3.0 * BRIEF_REST) if rest else cut_before(trajectory_of(running), at)
-        proof = certify_joined(self.robot, curve, self.limits, state, None)
-        return Retargeted(RetargetStatus.KEPT, reason, self.robot, self.limits, at, curve, proof, **more)
+    # ------------------------------------------------------------ limits of the whole arm
 
-    def _judge(
-        self, running: JointCubics | Trajectory, at: float, state: State, curve: JointCubics | Trajectory | None,
-        status: RetargetStatus, **more: Any,
-    ) -> Retargeted:  # fmt: skip
-        """Return a motion if its certificate is valid, else the running one."""
-        if curve is None:
-            return self._keep(running, at, state, "Ruckig found no motion", **more)
-        proof = certify_joined(self.robot, curve, self.limits, state, self.scene)
-        if not proof.is_valid:
-            return self._keep(running, at, state, proof.reasons[0], **more)
-        return Retargeted(status, "", self.robot, self.limits, at, curve, proof, **more)
+    def _first_box(self, X: Array) -> Array:
+        """Return the limits of single joints, with jerks that respect the torque rates at a state, if these are limited.
 
-    # ------------------------------------------------------------ a chunk
+        A jerk changes the torques at the rates M q⃛. Each joint's jerk is divided by the largest excess of the rows in which its
+        part is not small.
+        """
+        if "torque_rate" not in self.others:
+            return self.box
+        part = np.abs(self.robot.mass_matrix(X[0])) * np.minimum(self.box[:, 3, 1], -self.box[:, 3, 0])
+        excess = part.sum(axis=1) / symmetric_bound(self.limits.bounds(self.robot.n)["torque_rate"])
+        matters = part > SMALL_PART * part.sum(axis=1)[:, None]
+        box = self.box.copy()
+        box[:, 3] /= np.maximum((excess[:, None] * matters).max(axis=0), 1.0)[:, None]
+        return box
 
-    def _join_chunk(self, running: JointCubics | Trajectory, at: float, state: State, chunk: Chunk) -> Retargeted:
-        """Return the motion that follows a chunk."""
-        if (n := np.shape(chunk.points)[1]) != self.robot.n:
-            raise InvalidInput("onto", f"targets of {n} joints", f"{self.robot.n}, of {self.robot.name}")
-        P, rate, repaired = repair(chunk, self._box[:, 0, 0], self._box[:, 0, 1])
-        m, X = len(P), np.array(state)
-        spans = min(m - 1, MOST_SPANS)
-        c, h = np.empty((spans + 5, self.robot.n)), (m - 1) / spans / rate
-        error = fit_reference(P, self._tolerance, c)
-        end = (m - 1) / rate
+    def _tighten(self, box: Array, proof: StreamCertificate, X: Array) -> Array:
+        """Return limits of single joints that are reduced where the motion exceeds limits, and that contain the state."""
+        box = box.copy()
+        for name, peak in proof.peaks.items():
+            ratio, order = float(np.nanmax(peak.ratio)), kind_of(name).order
+            if ratio > 1.0 and name in self.others:
+                box[:, order] *= min(max(OTHER_PART / ratio, LEAST_FACTOR), OTHER_PART)
+            elif ratio > 1.0:  # by rounding in Ruckig
+                box[:, order] *= (1.0 - 100.0 * SPARE) / ratio
+        for order in (1, 2):
+            wide = 1e-9 * (self.box[:, order, 1] - self.box[:, order, 0])
+            box[:, order, 0] = np.minimum(box[:, order, 0], X[order] - wide)
+            box[:, order, 1] = np.maximum(box[:, order, 1], X[order] + wide)
+        return box
+
+    def _transfer(self, box: Array) -> Transfer:
+        """Return the solver of time-optimal motions within limits."""
+        return self._usual if box is self.box else Transfer(box)
+
+    # ------------------------------------------------------------ joints, and a plan
+
+    def _go(self, X: Array, q: Array) -> Make:
+        """Return the maker of motions to joints: time-optimal ones, at last one after a stop."""
+        low, high = self.box[:, 0].T
+        outside = (q < low - 1e-9) | (q > high + 1e-9)
+        if outside.any():
+            i = int(outside.argmax())
+            expected = f"a value in [{low[i]:.6g}, {high[i]:.6g}]"
+            raise InvalidInput("onto", f"{q[i]:.6g} for {self.robot.joint_names[i]}", expected)
+        goal = np.stack([q, 0.0 * q, 0.0 * q])
+
+        def make(box: Array, k: int) -> _Made:
+            transfer = self._transfer(box)
+            if k < 2 or self.others:
+                return _Made(transfer.to_state(X, goal))
+            stop = transfer.jog(X, 0.0 * q, 0.0)  # the direct way left a range
+            if stop is None:
+                return _Made(None)
+            onward = transfer.to_state(np.stack([stop(stop.end), 0.0 * q, 0.0 * q]), goal)
+            return _Made(None if onward is None else join(stop.trajectory, onward.trajectory))
+
+        return make
+
+    def _enter(self, X: Array, curve: Trajectory) -> Make:
+        """Return the maker of motions that enter another one where they end soonest, then at the next best instants."""
+        if curve.n != self.robot.n:
+            raise InvalidInput("onto", f"a motion of {curve.n} joints", f"{self.robot.n}, of {self.robot.name}")
+
+        def make(box: Array, k: int) -> _Made:
+            transfer, found = self._transfer(box), list[tuple[float, float]]()  # total durations, and entries [s]
+            low, high = 0.0, LAST_ENTRY * curve.end
+            for _ in range(2):
+                times = np.linspace(low, high, ENTRIES)
+                for t, goal in zip(times.tolist(), np.stack([curve(times, i) for i in range(3)], axis=1), strict=True):
+                    entry = transfer.find(X, goal)
+                    if entry is not None:
+                        found.append((entry.duration + curve.end - t, t))
+                if not found:
+                    return _Made(None)
+                apart, middle = (high - low) / (ENTRIES - 1), min(found)[1]
+                low, high = max(middle - apart, 0.0), min(middle + apart, LAST_ENTRY * curve.end)
+            t = sorted(found)[min(k, len(found) - 1)][1]
+            motion = transfer.to_state(X, np.array([curve(t, order) for order in range(3)]))
+            return _Made(None if motion is None else join(motion.trajectory, cut_before(curve, t).without_s))
+
+        return make
+
+
+class ChunkFollower:
+    """The motions that follow one chunk from a state (3, n), at a time of the chunk's clock [s]."""
+
+    def __init__(self, engine: Retargeter, X: Array, chunk: Chunk, at: float) -> None:
+        self._engine, self._X, n = engine, X, engine.robot.n
+        if (m := np.shape(chunk.points)[1]) != n:
+            raise InvalidInput("onto", f"targets of {m} joints", f"{n}, of {engine.robot.name}")
+        P, rate, self._repaired = repair(chunk, *engine.box[:, 0].T)
+        spans, end = min(len(P) - 1, MOST_SPANS), (len(P) - 1) / rate
+        self._c, self._h = np.empty((spans + 5, n)), end / spans
+        self._error = fit_reference(P, engine.tolerance, self._c)
         s0 = min(max(at - chunk.observed, 0.0), LATEST * end)
-        if self._nearest and s0 > 0.0:
+        if engine.nearest and s0 > 0.0:
             places = np.linspace(0.0, s0, TRIED)
-            R = np.empty((TRIED, 1, self.robot.n))
-            sample_reference(c, h, places, R)
-            s0 = float(places[((R[:, 0] - X[0]) ** 2).sum(axis=1).argmin()])
-        more: dict[str, Any] = {"skipped": int(s0 * chunk.rate + 1e-9), "repaired": repaired}
-        s = np.linspace(s0, end, int(min(max(PLACES[0], (end - s0) / APART), PLACES[1])))
-        R = np.empty((s.size, 4, self.robot.n))
-        sample_reference(c, h, s, R)
-        found = None
-        for slower in SLOWER if self._others else SLOWER[:1]:
-            when, at_s = self._pace_of(R, s, X, slower)
-            reference = Reference(c, h, when, at_s, error)
-            curve = self._track(X, reference)
-            if isinstance(curve, str):
-                return self._keep(running, at, state, curve, **more)
-            found = self._judge(running, at, state, curve, RetargetStatus.JOINED, reference=reference, **more)
-            if found:
-                return found
-        assert found is not None
-        return found
+            s0 = float(places[((self._sample(places, 1)[:, 0] - X[0]) ** 2).sum(axis=1).argmin()])
+        self._skipped = int(s0 * chunk.rate + 1e-9)
+        self._s = np.linspace(s0, end, int(min(max(PLACES[0], (end - s0) / APART), PLACES[1])))
+        self._R = self._sample(self._s, 4)
 
-    def _pace_of(self, R: Array, s: Array, X: Array, slower: float) -> tuple[Array, Array]:
+    def _sample(self, s: Array, orders: int) -> Array:
+        """Return the reference and its derivatives (k, orders, n)."""
+        R = np.empty((s.size, orders, self._c.shape[1]))
+        sample_reference(self._c, self._h, s, R)
+        return R
+
+    def make(self, box: Array, k: int) -> _Made:
+        """Return the motion that follows the chunk within limits of single joints, slower with each try."""
+        engine = self._engine
+        when, s = self._find_pace(box, SLOWER[k])
+        j, knots, count, c = track(self._X, box, when, self._sample(s, 1)[:, 0].copy(), engine.longest)
+        more = self._skipped, self._repaired, Reference(self._c, self._h, when, s, self._error)
+        if j >= 0:
+            return _Made(None, f"no motion of {engine.robot.joint_names[j]} within its limits was found", *more)
+        return _Made(JointCubics(knots, count, c), "", *more)
+
+    def _find_pace(self, box: Array, slower: float) -> tuple[Array, Array]:
         """Return instants [s] and the chunk's time there, at most at a fraction of the wanted pace."""
-        pace, n = self._pace * slower, self.robot.n
-        rows, cap, x, t = np.empty((s.size, n, 4)), np.empty(s.size), np.empty(s.size), np.empty(s.size)
-        joint_rows(R, self._box, pace, rows, cap)
-        if self._others:
-            rows = self._add_rows(R, s, rows, cap, slower)
+        engine, s, X = self._engine, self._s, self._X
+        pace = engine.pace * slower
+        rows, cap, x, t = np.empty((s.size, X.shape[1], 4)), np.empty(s.size), np.empty(s.size), np.empty(s.size)
+        joint_rows(self._R, box, pace, rows, cap)
+        rows = self._add_rows(rows, cap, OTHER_PART * slower)
         first = pace
-        if self._pace > 1.0:
-            rate = R[0, 1]
+        if engine.pace > 1.0:
+            rate = self._R[0, 1]
             first = float(np.clip(rate @ X[1] / max(rate @ rate, 1e-9), 0.05, pace))
         sweep(s, rows, cap, first * first, x)
         time_of(s, x, t)
-        width = max(self._ramp, 0.02)
-        when = np.arange(0.5 * self._longest, t[-1] + 0.5 * width + self._longest, 0.5 * self._longest)
+        ramp = np.minimum(box[:, 2, 1], -box[:, 2, 0]) / np.minimum(box[:, 3, 1], -box[:, 3, 0])
+        width = max(float(ramp.max()), SHORTEST_WINDOW)
+        when = np.arange(0.5 * engine.longest, t[-1] + 0.5 * width + engine.longest, 0.5 * engine.longest)
         out = np.empty_like(when)
         smooth_pace(s, t, float(np.sqrt(x[0])), width, when, out)
         return when, out
 
-    def _add_rows(self, R: Array, s: Array, rows: Array, cap: Array, slower: float) -> Array:
+    def _add_rows(self, rows: Array, cap: Array, part: float) -> Array:
         """Return the rows with those of limits of the whole arm, and lower the largest ṡ² by those of first order."""
-        samples: Any = _Samples(self.robot, R)
-        points, part = PathPoints(samples, s), OTHER_PART * slower
-        extra = [rows]
-        for name in self._others:
+        samples: Any = _Samples(self._engine.robot, self._R)
+        points, extra = PathPoints(samples, self._s), [rows]
+        for name in self._engine.others:
             order = kind_of(name).order
-            if order > 2:
-                continue
-            found = self.limits.rows(name, points) / part
             if order == 1:
-                most = np.abs(found[:, :, 0]).max(axis=1)
+                most = np.abs(self._engine.limits.rows(name, points)[:, :, 0]).max(axis=1) / part
                 np.minimum(cap, 1.0 / np.maximum(most, 1e-9) ** 2, out=cap)
-            else:
+            elif order == 2:
+                found = self._engine.limits.rows(name, points) / part
                 extra.append(np.pad(found, ((0, 0), (0, 0), (0, 4 - found.shape[2]))))
         return np.ascontiguousarray(np.concatenate(extra, axis=1))
-
-    def _track(self, X: Array, reference: Reference) -> JointCubics | str:
-        """Return the motion nearest to a paced reference, or why there is none."""
-        n = self.robot.n
-        R = np.empty((reference.when.size, 1, n))
-        sample_reference(reference.c, reference.h, reference.s, R)
-        size = min(reference.when.size + 150, MOST_KNOTS)
-        knots, count, c = np.empty((n, size)), np.empty(n, dtype=np.int64), np.empty((n, 4, size))
-        j = track(X, self._box, reference.when, R[:, 0].copy(), self._longest, knots, count, c)
-        if j >= 0:
-            return f"no motion of {self.robot.joint_names[j]} within its limits was found"
-        return JointCubics(knots, count, c)
-
-    # ------------------------------------------------------------ joints, and a plan
-
-    def _go(self, running: JointCubics | Trajectory, at: float, state: State, q: Array) -> Retargeted:
-        """Return the motion to joints: the time-optimal one, or, where that leaves a range, a stop and then that one."""
-        outside = (q < self._box[:, 0, 0] - 1e-9) | (q > self._box[:, 0, 1] + 1e-9)
-        if outside.any():
-            i = int(outside.argmax())
-            low, high = self._box[i, 0]
-            raise InvalidInput(
-                "onto", f"{q[i]:.6g} for {self.robot.joint_names[i]}", f"a value in [{low:.6g}, {high:.6g}]"
-            )
-        X, goal = np.array(state), np.zeros((3, self.robot.n))
-        goal[0] = q
-        found = self._judge(running, at, state, self._transfer.to_state(X, goal), RetargetStatus.GOAL)
-        if found:
-            return found
-        stop = self._transfer.jog(X, np.zeros(self.robot.n), 0.0)
-        if stop is None:
-            return found
-        rest = np.zeros((3, self.robot.n))
-        rest[0] = stop(stop.end)
-        onward = self._transfer.to_state(rest, goal)
-        if onward is None:
-            return found
-        return self._judge(running, at, state, join(stop.trajectory, onward.trajectory), RetargetStatus.GOAL)
-
-    def _join_plan(self, running: JointCubics | Trajectory, at: float, state: State, plan: Any) -> Retargeted:
-        """Return the motion that enters a plan where it ends soonest."""
-        curve, X = trajectory_of(plan.trajectory), np.array(state)
-        if curve.n != self.robot.n:
-            raise InvalidInput("onto", f"a motion of {curve.n} joints", f"{self.robot.n}, of {self.robot.name}")
-        best: list[tuple[float, float]] = []  # durations of entry and rest, and entries [s]
-        low, high = 0.0, LAST_ENTRY * curve.end
-        for _ in range(2):
-            times = np.linspace(low, high, ENTRIES)
-            for t, goal in zip(times.tolist(), np.stack([curve(times, k) for k in range(3)], axis=1), strict=True):
-                entry = self._transfer.find(X, goal)
-                if entry is not None:
-                    best.append((entry.duration + curve.end - t, t))
-            if not best:
-                return self._keep(running, at, state, "Ruckig found no motion into the plan")
-            apart, middle = (high - low) / (ENTRIES - 1), min(best)[1]
-            low, high = max(middle - apart, 0.0), min(middle + apart, LAST_ENTRY * curve.end)
-        found = None
-        for _, t in sorted(best)[:TRIED_ENTRIES]:
-            motion = self._transfer.to_state(X, np.array([curve(t, order) for order in range(3)]))
-            if motion is not None:
-                whole = join(motion.trajectory, cut_before(curve, t).without_s)
-                found = self._judge(running, at, state, whole, RetargetStatus.JOINED)
-                if found:
-                    return found
-        return found or self._keep(running, at, state, "Ruckig found no motion into the plan")
 
 
 def _box(robot: Robot, limits: MotionLimits) -> Array:

@@ -95,10 +95,10 @@ class Stream(Iterator[Setpoint]):
         self._silence = None if silence is None else check_number(silence, "silence", "seconds, at least 0", least=0.0)
         self.engine = Retargeter(robot, **options)
         self._running, self._begin = self._first(start), 0.0
-        self._next: tuple[Retargeted, float] | None = None
+        self._waiting = deque[tuple[Retargeted, float]]()  # motions that begin later, each from the one before
         self._pool = ThreadPoolExecutor(1) if realtime else None
         self._work: tuple[Future[tuple[Retargeted, float]], float] | None = None
-        self._tick, self._began, self._heard, self._stopping = -1, 0.0, 0.0, False
+        self._tick, self._began, self._heard, self._stopping, self._rests = -1, 0.0, 0.0, False, False
         self.announce: Callable[[Retargeted, float], None] = lambda motion, begin: None
         """Called with each motion that was proved and the time at which it begins [s], before it does."""
         self._kept: Counter[str] = Counter()
@@ -145,11 +145,11 @@ class Stream(Iterator[Setpoint]):
         t = self._wait()
         joined = self._join(t)
         now = Setpoint(t, *state_of(self._running, t - self._begin), joined)
-        resting = t >= self._begin + self._running.end and self._next is None and self._work is None
         patience = 0.0 if self._stopping else self._silence
-        if resting and patience is not None and t - max(self._heard, self._begin + self._running.end) >= patience:
+        if self._rests and patience is not None and t - max(self._heard, self._begin + self._running.end) >= patience:
             self.close()
             raise StopIteration
+        self._rests = t - self._begin >= self._running.end and not self._waiting and self._work is None
         self._poll(now)
         return now
 
@@ -178,7 +178,9 @@ class Stream(Iterator[Setpoint]):
             return
         self._heard = now.t
         at = ceil((now.t + self.budget) * self.rate - 1e-9) / self.rate
-        base, begin = (self._next[0].curve, self._next[1]) if self._next is not None else (self._running, self._begin)
+        base, begin = (
+            (self._waiting[-1][0].curve, self._waiting[-1][1]) if self._waiting else (self._running, self._begin)
+        )
         at = max(at, begin)
         if self._pool is None:
             self._take(*self._compute(base, begin, at, target), at)
@@ -203,7 +205,7 @@ class Stream(Iterator[Setpoint]):
         if found.status is RetargetStatus.KEPT:
             self._kept[found.reason] += 1
         else:
-            self._next = found, at
+            self._waiting.append((found, at))
             self.announce(found, at)
 
     def _join(self, t: float) -> Retargeted | None:
@@ -216,12 +218,12 @@ class Stream(Iterator[Setpoint]):
                 self._cpu.append(seconds)
             else:
                 self._take(found, seconds, at)
-        if self._next is None or t < self._next[1] - 1e-9:
-            return None
-        found, begin = self._next
-        self._running, self._begin, self._next = found.curve, begin, None
-        self._joined += 1
-        return found
+        joined: Retargeted | None = None
+        while self._waiting and t >= self._waiting[0][1] - 1e-9:
+            joined, self._begin = self._waiting.popleft()
+            self._running = joined.curve
+            self._joined += 1
+        return joined
 
     def close(self) -> None:
         """End the thread that computes motions."""

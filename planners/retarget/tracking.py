@@ -1,4 +1,4 @@
-"""Tracking: the joint motions nearest to targets over time, from a moving state to rest, within the limits at every instant."""
+"""Tracking: the joint motions nearest to targets over time, from a moving state to rest, within the limits."""
 
 from __future__ import annotations
 
@@ -18,8 +18,13 @@ HOLD = 2.0
 """Weight of the distance to the last target after its instant, over that before."""
 SPARE = 1e-7
 """Fraction of the limits that is not used: the iteration respects them to its rounding."""
-LEAST_INTERVALS = 6
-"""Least number of intervals of a spline."""
+ROOM = 1.1
+"""Time after the last target in which the arm comes to rest, over the time of a stop from the largest velocity."""
+LEAST_INTERVALS, SHORTER_INTERVALS = 6, 60
+"""Least number of intervals of a spline, and room for the intervals before the longest ones."""
+FIRST_INTERVAL, GROWTH = (2e-3, 0.02), (1.6, 1.2)
+"""Least and largest first interval [s], 0.3 times that in which the acceleration can change wholly; the ratio of intervals that
+follow each other, if that time is below the largest first interval, or not."""
 
 
 @parallel
@@ -83,23 +88,24 @@ def make_objective(T: Array, when: Array, weight: Array, A: Array, H: Array, B: 
 
 
 @parallel
-def track(
-    state: Array, limits: Array, when: Array, target: Array, longest: float, knots: Array, count: Indices, c: Array
-) -> int:
-    """Write the joint motions nearest to targets, from a state to rest; return the first joint without one, or −1.
+def track(state: Array, limits: Array, when: Array, target: Array, longest: float) -> tuple[int, Array, Indices, Array]:
+    """Return the joint motions nearest to targets, from a state to rest, after the first joint without one, or −1.
 
     Shapes and units: state (3, n) [rad/s^i, m/s^i], limits (n, 4, 2) of position to jerk, lower and upper, when (k,) [s],
-    target (k, n) [rad, m], longest [s]; knots (n, K) [s], count (n,) of knots, cubics c (n, 4, K), highest power first.
+    target (k, n) [rad, m], longest [s]. Returns knots (n, K) [s], their numbers (n,), cubics (n, 4, K), highest power first.
     """
-    n, most = state.shape[1], knots.shape[1]
-    slowest, ramp = 0.0, 0.0
+    n, ramp, end, last = state.shape[1], 0.0, 0.0, when.size - 1
     for j in range(n):
-        a = min(limits[j, 2, 1], -limits[j, 2, 0])
-        ramp = max(ramp, a / min(limits[j, 3, 1], -limits[j, 3, 0]))
-        slowest = max(slowest, max(limits[j, 1, 1], -limits[j, 1, 0]) / a)
-    end = when[-1] + 1.1 * (slowest + ramp)
-    first, growth = min(max(0.3 * ramp, 2e-3), 0.02), 1.6 if ramp < 0.02 else 1.2
-    control, x0, last = np.empty(most), np.empty(3), when.size - 1
+        v, a = max(limits[j, 1, 1], -limits[j, 1, 0]), min(limits[j, 2, 1], -limits[j, 2, 0])
+        own = a / min(limits[j, 3, 1], -limits[j, 3, 0])
+        ramp = max(ramp, own)
+        away = abs(target[last, j] - state[0, j]) / min(limits[j, 1, 1], -limits[j, 1, 0])
+        end = max(end, max(when[last], away + v / a + own) + ROOM * (v / a + own))
+    first, growth = min(0.3 * ramp, FIRST_INTERVAL[1], longest), GROWTH[0] if ramp < FIRST_INTERVAL[1] else GROWTH[1]
+    first = max(first, min(FIRST_INTERVAL[0], longest))
+    most = int(end / longest) + SHORTER_INTERVALS
+    knots, count, c = np.empty((n, most)), np.empty(n, dtype=np.int64), np.empty((n, 4, most))
+    control, x0 = np.empty(most), np.empty(3)
     t, w = np.empty(when.size + most), np.empty(when.size + most)
     B, at, jerk = np.empty((t.size, 4)), np.empty(t.size, dtype=np.int64), np.empty(most)
     f, A, H, W = np.empty((3, 0)), np.empty((9, 0)), np.empty((4, 0)), np.empty((17, 4, 0))
@@ -131,10 +137,10 @@ def track(
                 if at[i] >= 0:
                     g[at[i] + a] -= w[i] * B[i, a] * target[min(i, last), j]
         if minimise((f, A), H, g, limits[j], control[:size], W) < 0:
-            return j
+            return j, knots, count, c
         jerk[:N] = W[ROWS, 3, :N]
         integrate(T, jerk[:N], x0, rest, c[j, :, lead:])
-    return -1
+    return -1, knots, count, c
 
 
 @parallel

@@ -1,4 +1,4 @@
-"""Time-optimal joint motions between two states, by Ruckig (Berscheid and Kröger, RSS 2021); each is judged like any other."""
+"""Time-optimal joint motions between two states, by Ruckig (Berscheid and Kröger, RSS 2021)."""
 
 from __future__ import annotations
 
@@ -55,14 +55,13 @@ class Transfer:
         ends = np.minimum(np.cumsum(h, axis=1), hold)
         held = np.diff(np.column_stack([ends, np.full(self.n, hold)]), axis=1, prepend=0.0), np.pad(j, ((0, 0), (0, 1)))
         free = np.full((3, self.n), np.nan)
-        before = join(state, free, [held])
-        stop = self._velocity_phases(np.array([before(before.end, order) for order in range(3)]), np.zeros((3, self.n)))
+        stop = self._velocity_phases(join(state, free, [held]).last, np.zeros((3, self.n)))
         if stop is None:
             return None
         goal = np.zeros((3, self.n))
         goal[0] = np.nan
         motion = join(state, goal, [held, stop])
-        goal[0] = motion(motion.end)
+        goal[0] = motion.last[0]
         low, high = self._limits[:, 0, 0] + INSIDE, self._limits[:, 0, 1] - INSIDE
         outside = (goal[0] < low) | (goal[0] > high)
         if not outside.any():
