@@ -23,7 +23,7 @@ from planners.program.file import load_program
 from planners.program.parts import Dwell, Move, Part, Program, ToolChange
 from planners.program.result import ProgramPlan
 from planners.replan import replan
-from planners.retarget import Chunk, JogVelocity, Retargeted, RetargetStatus, retarget, stream
+from planners.retarget import Chunk, JogVelocity, Retargeted, RetargetStatus, Setpoint, retarget, stream
 from planners.ros.export import to_ros
 from planners.search import SearchResult, SearchStatus, find_path
 from planners.timing import TimeLaw, laws, make_law
@@ -55,6 +55,7 @@ __all__ = [
     "Retargeted",
     "SearchResult",
     "SearchStatus",
+    "Setpoint",
     "Spline",
     "TimeLaw",
     "TimedEvent",

@@ -42,7 +42,7 @@ def retarget(
     pace : float
         Largest rate of the chunk, over its own; above 1 to be faster than the chunk says [1].
     align : {"nearest", "clock"}
-        Enter the chunk at its place nearest to the arm, at most as late as its clock says, or exactly there.
+        Enter the chunk at its place nearest to the arm but for the tolerance, at most as late as its clock says, or there.
     longest : float
         Longest piece of the motion [s]; shorter ones follow more closely and take more computing time.
     scene : Scene, optional

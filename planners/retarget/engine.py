@@ -235,7 +235,8 @@ class ChunkFollower:
         s0 = min(max(at - chunk.observed, 0.0), LATEST * end)
         if engine.nearest and s0 > 0.0:
             places = np.linspace(0.0, s0, TRIED)
-            s0 = float(places[((self._sample(places, 1)[:, 0] - X[0]) ** 2).sum(axis=1).argmin()])
+            away = np.abs(self._sample(places, 1)[:, 0] - X[0]).max(axis=1)
+            s0 = float(places[np.flatnonzero(away <= away.min() + engine.tolerance)[-1]])  # nearer ones are noise
         self._skipped = int(s0 * chunk.rate + 1e-9)
         self._s = np.linspace(s0, end, int(min(max(PLACES[0], (end - s0) / APART), PLACES[1])))
         self._R = self._sample(self._s, 4)
