@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import deque
 from typing import Any
 
-from optik.arm.robot import Robot
 from optik.check import check_number
 from optik.errors import InvalidInput
 from optik.scene import Scene
@@ -63,23 +62,18 @@ def retarget(
     if not isinstance(motion, Retargeted) and not hasattr(motion, "motion"):
         motion = get_motion(motion)
     curve = motion.curve if isinstance(motion, Retargeted) else motion.trajectory
-    options = {"tolerance": tolerance, "pace": pace, "align": align, "longest": longest, "scene": scene}
-    return _get_engine(motion.robot, motion.limits if limits is None else limits, options).run(
-        curve, at, get_target(onto)
-    )
-
-
-_engines: deque[tuple[Robot, MotionLimits, dict[str, Any], Retargeter]] = deque(maxlen=4)  # those of the last calls
-
-
-def _get_engine(robot: Robot, limits: MotionLimits, options: dict[str, Any]) -> Retargeter:
-    """Return the engine for the same objects as in an earlier call, or a new one."""
+    options: dict[str, Any] = {"tolerance": tolerance, "pace": pace, "align": align, "longest": longest}
+    limits = motion.limits if limits is None else limits
     for known in _engines:
-        if known[0] is robot and known[1] is limits and known[2] == options:
-            return known[3]
-    engine = Retargeter(robot, limits, **options)
-    _engines.appendleft((robot, limits, options, engine))
-    return engine
+        same = known.robot is motion.robot and known.limits is limits and known.scene is scene
+        if same and all(isinstance(x, float | str) and x == getattr(known, name) for name, x in options.items()):
+            return known.run(curve, at, get_target(onto))
+    _engines.appendleft(Retargeter(motion.robot, limits, scene=scene, **options))
+    return _engines[0].run(curve, at, get_target(onto))
+
+
+_engines = deque[Retargeter](maxlen=4)
+"""Those of the last calls, which the next call with the same objects uses again."""
 
 
 def get_target(onto: Any) -> Any:

@@ -20,7 +20,17 @@ from planners.retarget.certificate import StreamCertificate, certify_joined, oth
 from planners.retarget.chunk import Chunk, repair
 from planners.retarget.cubics import BRIEF_REST, JointCubics
 from planners.retarget.jog import Jog
-from planners.retarget.pace import APART, OTHER_PART, PLACES, joint_rows, sample_reference, smooth_pace, sweep, time_of
+from planners.retarget.pace import (
+    APART,
+    LEAST_PACE,
+    OTHER_PART,
+    PLACES,
+    joint_rows,
+    sample_reference,
+    smooth_pace,
+    sweep,
+    time_of,
+)
 from planners.retarget.reference import MOST_SPANS, fit_reference
 from planners.retarget.result import Reference, Retargeted, RetargetStatus, state_of
 from planners.retarget.tracking import SPARE, track
@@ -33,8 +43,8 @@ SMALL_PART, LEAST_FACTOR = 0.1, 0.3
 """Part of a joint in a torque rate below which its jerk is not reduced, and least factor of limits in one try."""
 SHORTEST_WINDOW = 0.02
 """Shortest window over which a pace is averaged [s]."""
-TRIED = 31
-"""Places of a chunk among which the nearest one to the arm is chosen."""
+TRIED, MOST_PIECES = 31, 4000
+"""Places of a chunk among which the nearest one to the arm is chosen, and the largest number of pieces of a joint."""
 LATEST = 0.98
 """Latest entry into a chunk, over its duration."""
 ENTRIES, LAST_ENTRY = 6, 0.95
@@ -86,7 +96,7 @@ class Retargeter:
         self.longest = check_number(longest, "longest", "seconds above 0", above=0.0)
         if align not in ("nearest", "clock"):
             raise InvalidInput("align", repr(align)[:60], "'nearest' or 'clock'")
-        self.nearest, self.scene = align == "nearest", scene
+        self.align, self.scene = align, scene
         check_scene(robot, scene)
         self.others = other_limits(self.limits)
         if any(np.ndim(self.limits.value(name)) for name in ("tool_speed", "rotation_speed")):
@@ -233,7 +243,7 @@ class ChunkFollower:
         self._c, self._h = np.empty((spans + 5, n)), end / spans
         self._error = fit_reference(P, engine.tolerance, self._c)
         s0 = min(max(at - chunk.observed, 0.0), LATEST * end)
-        if engine.nearest and s0 > 0.0:
+        if engine.align == "nearest" and s0 > 0.0:
             places = np.linspace(0.0, s0, TRIED)
             away = np.abs(self._sample(places, 1)[:, 0] - X[0]).max(axis=1)
             s0 = float(places[np.flatnonzero(away <= away.min() + engine.tolerance)[-1]])  # nearer ones are noise
@@ -251,6 +261,9 @@ class ChunkFollower:
         """Return the motion that follows the chunk within limits of single joints, slower with each try."""
         engine = self._engine
         when, s = self._find_pace(box, SLOWER[k])
+        if when.size > 2 * MOST_PIECES:
+            reach = MOST_PIECES * engine.longest
+            return _Made(None, f"the chunk takes {when[-1]:.3g} s, and {MOST_PIECES} pieces reach to {reach:.3g} s")
         j, knots, count, c = track(self._X, box, when, self._sample(s, 1)[:, 0].copy(), engine.longest)
         more = self._skipped, self._repaired, Reference(self._c, self._h, when, s, self._error)
         if j >= 0:
@@ -268,11 +281,12 @@ class ChunkFollower:
         if engine.pace > 1.0:
             rate = self._R[0, 1]
             first = float(np.clip(rate @ X[1] / max(rate @ rate, 1e-9), 0.05, pace))
-        sweep(s, rows, cap, first * first, x)
+        sweep(s, rows, cap, first * first, min(LEAST_PACE, pace) ** 2, x)
         time_of(s, x, t)
         ramp = np.minimum(box[:, 2, 1], -box[:, 2, 0]) / np.minimum(box[:, 3, 1], -box[:, 3, 0])
         width = max(float(ramp.max()), SHORTEST_WINDOW)
-        when = np.arange(0.5 * engine.longest, t[-1] + 0.5 * width + engine.longest, 0.5 * engine.longest)
+        step = 0.5 * engine.longest
+        when = np.arange(step, min(t[-1] + 0.5 * width, MOST_PIECES * engine.longest) + 2.0 * step, step)
         out = np.empty_like(when)
         smooth_pace(s, t, float(np.sqrt(x[0])), width, when, out)
         return when, out

@@ -8,7 +8,7 @@ from optik.compiled import parallel
 from optik.types import Array
 from planners.retarget.reference import evaluate_reference
 
-PLACES, APART = (40, 160), 0.02
+PLACES, APART = (40, 2000), 0.02
 """Least and largest number of places of a sweep, and their distance between these numbers [s]."""
 HALVINGS = 22
 """Bisections of ṡ² at a place."""
@@ -38,8 +38,8 @@ def _bracket(row: Array, x: float, low: float, high: float) -> tuple[float, floa
 
 
 @parallel
-def sweep(s: Array, rows: Array, cap: Array, first: float, x: Array) -> None:
-    """Write the largest ṡ² x (k,) along places s (k,), from `first` to rest.
+def sweep(s: Array, rows: Array, cap: Array, first: float, slowest: float, x: Array) -> None:
+    """Write the largest ṡ² x (k,) along places s (k,), from `first` to rest, and before it not below `slowest`.
 
     Each place has rows (k, m, 4) over s̈, ṡ², ṡ and 1, which are respected where their values are in [−1, 1], and a largest
     ṡ² cap (k,). The backward sweep finds the largest ṡ² from which the next place can be reached, by bisection.
@@ -71,7 +71,7 @@ def sweep(s: Array, rows: Array, cap: Array, first: float, x: Array) -> None:
         most = (K[i + 1] - x[i]) / step
         for j in range(rows.shape[1]):
             _, most = _bracket(rows[i, j], x[i], -np.inf, most) if abs(rows[i, j, 0]) >= NO_RATE else (0.0, most)
-        floor = min(LEAST_PACE**2, FADE * (s[k - 1] - s[i + 1]))
+        floor = min(slowest, FADE * (s[k - 1] - s[i + 1]))
         x[i + 1] = max(min(x[i] + step * most, K[i + 1]), floor)
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from optik.compiled import parallel
 from optik.types import Array
 
-MOST_SPANS = 64
+MOST_SPANS = 1000
 """Largest number of polynomials of a reference."""
 PENALTIES = 10.0 ** np.arange(3.0, -6.0, -1.0)
 """Weights of the third derivative, in units of one sample, from the smoothest reference to the closest one."""

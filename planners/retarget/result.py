@@ -57,7 +57,7 @@ class Reference(NamedTuple):
         inside = np.arange(1, k - 5) * self.h
         crossed = np.interp(inside[(inside > s[0]) & (inside < s[-1])], s, at)
         t = np.unique(np.concatenate([motion.knots, at[at < motion.end], crossed[crossed < motion.end]]))
-        t = t[np.append(np.diff(t) > 1e-12, True)]
+        t = t[np.append(True, np.diff(t) > 1e-12)]
         begin, middle = t[:-1], 0.5 * (t[:-1] + t[1:])
         piece = np.searchsorted(motion.knots, middle) - 1
         q = shift_pieces(motion.padded[:, piece], begin - motion.knots[piece])
