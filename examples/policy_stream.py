@@ -23,10 +23,8 @@ targets, state = [], {"seen": 0.0, "due": 0.0, "chunk": None}  # the newest targ
 
 def policy(now: planners.Setpoint) -> planners.Chunk | None:
     """Return a second of targets at 20 Hz, up to 0.3 s after the policy looked."""
-    chunk = state["chunk"]
-    if chunk is not None:  # what a loop without a planner sends: the newest chunk's target of this instant
-        i = min(int((now.t - chunk.observed) * 20.0), 19)
-        targets.append((now.t, chunk.points[i]))
+    if (chunk := state["chunk"]) is not None:  # what a loop without a planner sends: the chunk's target of this instant
+        targets.append((now.t, chunk.points[min(int((now.t - chunk.observed) * 20.0), 19)]))
     if now.t < state["due"] or now.t > 4.0:
         return None
     t = state["seen"] + np.arange(20)[:, None] / 20.0
@@ -37,8 +35,7 @@ def policy(now: planners.Setpoint) -> planners.Chunk | None:
 
 
 flow = planners.stream(robot, policy, home, limits=limits, realtime=False, silence=0.2)
-points = list(flow)
-t, q = (np.array([getattr(p, name) for p in points]) for name in ("t", "q"))
+t, q = (np.array(x) for x in list(zip(*flow, strict=True))[:2])
 meant = home + size * np.sin(t[:, None] * speed)
 
 chaser, problem, reply, chased = ruckig.Ruckig(n, 1e-3), ruckig.InputParameter(n), ruckig.OutputParameter(n), []
