@@ -6,8 +6,8 @@ python examples/policy_stream.py [PLOT.html]
 import sys
 
 import numpy as np
-import plotly.graph_objects as go
 import ruckig
+from plotly.subplots import make_subplots
 
 import optik
 import planners
@@ -36,7 +36,6 @@ def policy(now: planners.Setpoint) -> planners.Chunk | None:
 
 flow = planners.stream(robot, policy, home, limits=limits, realtime=False, silence=0.2)
 t, q = (np.array(x) for x in list(zip(*flow, strict=True))[:2])
-meant = home + size * np.sin(t[:, None] * speed)
 
 chaser, problem, reply, chased = ruckig.Ruckig(n, 1e-3), ruckig.InputParameter(n), ruckig.OutputParameter(n), []
 problem.current_position, problem.max_velocity, problem.max_acceleration, problem.max_jerk = map(list, (home, v, a, j))
@@ -48,13 +47,16 @@ for _, target in targets:
 t_target, hard, chased = (np.array(x) for x in (*zip(*targets, strict=True), chased))
 
 print(flow.report())
-for name, x, at in (("stream", q, t), ("Ruckig to each target", chased, t_target), ("hard replacement", hard, t_target)):
-    rate = np.abs(np.diff(x, axis=0)).max(axis=0) * 1e3 / v
-    off = (x - home - size * np.sin(at[:, None] * speed))[(at > 0.5) & (at < 4.0)]
-    print(f"{name}: {1e3 * np.sqrt((off.max(axis=1) ** 2).mean()):.1f} mrad RMS, velocity up to {rate.max():.2f} of the limit")
-
-figure = go.Figure(layout={"xaxis_title": "t [s]", "yaxis_title": "joint 1 [rad]", "template": "plotly_white"})
-for name, at, x in (("meant", t, meant), ("targets", t_target, hard), ("Ruckig", t_target, chased), ("stream", t, q)):
-    figure.add_scatter(x=at[::5], y=x[::5, 0], name=name)
+figure = make_subplots(rows=2, shared_xaxes=True, y_title="velocity over its limit, and position [rad], of joint 1")
+ways = {"grey": ("hard replacement", hard, t_target), "green": ("Ruckig to each target", chased, t_target)}
+for colour, (name, x, at) in (ways | {"blue": ("stream", q, t)}).items():
+    rate, inside = np.diff(x, axis=0) * 1e3 / v, (at > 0.5) & (at < 4.0)
+    off = np.abs(x - home - size * np.sin(at[:, None] * speed))[inside].max(axis=1)
+    print(
+        f"{name}: {1e3 * np.sqrt((off**2).mean()):.1f} mrad RMS, velocity up to {np.abs(rate).max():.2f} of the limit"
+    )
+    figure.add_scatter(x=at, y=x[:, 0], name=name, row=2, col=1, line_color=colour)
+    figure.add_scatter(x=at, y=rate[:, 0].clip(-2, 2), row=1, col=1, showlegend=False, line_color=colour)
+figure.add_hline(1.0, row=1, col=1).add_hline(-1.0, row=1, col=1)
 if len(sys.argv) > 1:
-    figure.write_html(sys.argv[1], include_plotlyjs="cdn")
+    figure.write_html(sys.argv[1])
