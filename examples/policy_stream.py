@@ -36,7 +36,6 @@ def policy(now: planners.Setpoint) -> planners.Chunk | None:
 
 flow = planners.stream(robot, policy, home, limits=limits, realtime=False, silence=0.2)
 t, q = (np.array(x) for x in list(zip(*flow, strict=True))[:2])
-
 chaser, problem, reply, chased = ruckig.Ruckig(n, 1e-3), ruckig.InputParameter(n), ruckig.OutputParameter(n), []
 problem.current_position, problem.max_velocity, problem.max_acceleration, problem.max_jerk = map(list, (home, v, a, j))
 for _, target in targets:
@@ -58,5 +57,4 @@ for colour, (name, x, at) in (ways | {"blue": ("stream", q, t)}).items():
     figure.add_scatter(x=at, y=x[:, 0], name=name, row=2, col=1, line_color=colour)
     figure.add_scatter(x=at, y=rate[:, 0].clip(-2, 2), row=1, col=1, showlegend=False, line_color=colour)
 figure.add_hline(1.0, row=1, col=1).add_hline(-1.0, row=1, col=1)
-if len(sys.argv) > 1:
-    figure.write_html(sys.argv[1])
+figure.write_html(sys.argv[1] if len(sys.argv) > 1 else "policy_stream.html")
