@@ -14,6 +14,8 @@ from planners.trajectory.curve import Curve
 
 SAME_TIME = 1e-9
 """Largest difference of times that are equal [s]."""
+SAME_PLACE = 1e-14
+"""Distance to a goal that is rounding, over the larger of the position and 1 [rad, m]."""
 SHORTEST, BRIEF_REST = 1e-12, 1e-3
 """Duration below which a phase is left out, and the third of that of a joint without any [s]."""
 
@@ -90,7 +92,8 @@ def integrate(T: Array, jerk: Array, state: Array, goal: Array, c: Array) -> Non
     """Write the cubics c (4, N), highest power first, of jerks over breakpoints T, from a state (3,) to a goal (3,).
 
     The jerks (N,) are changed by the least amount with which the motion ends exactly at the goal, which is free where it is
-    NaN: so rounding is removed, and position, velocity and acceleration are continuous.
+    NaN: so rounding is removed, and position, velocity and acceleration are continuous. A position that differs by rounding is
+    not changed, because in a motion of microseconds that takes a jerk beyond its limit.
     """
     N = T.size - 1
     for sweep in range(3):
@@ -102,8 +105,9 @@ def integrate(T: Array, jerk: Array, state: Array, goal: Array, c: Array) -> Non
             v += h * (a + 0.5 * h * j)
             a += h * j
         if sweep < 2:
-            miss = goal - np.array([q, v, a])
-            _correct(T, jerk, np.where(np.isnan(goal), 0.0, miss))
+            miss = np.where(np.isnan(goal), 0.0, goal - np.array([q, v, a]))
+            miss[0] = 0.0 if abs(miss[0]) <= SAME_PLACE * max(1.0, abs(q)) else miss[0]
+            _correct(T, jerk, miss)
 
 
 @parallel

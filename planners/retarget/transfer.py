@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from optik.types import Array, Flags
-from planners.retarget.cubics import JointCubics, join_phases
+from planners.retarget.cubics import SAME_TIME, JointCubics, join_phases
 
 INSIDE = 1e-9
 """Distance [rad, m] to the end of a range at which a jogged joint stops."""
@@ -55,7 +55,9 @@ class Transfer:
         ends = np.minimum(np.cumsum(h, axis=1), hold)
         held = np.diff(np.column_stack([ends, np.full(self.n, hold)]), axis=1, prepend=0.0), np.pad(j, ((0, 0), (0, 1)))
         free = np.full((3, self.n), np.nan)
-        stop = self._velocity_phases(join(state, free, [held]).last, np.zeros((3, self.n)))
+        stop = self._velocity_phases(
+            state if hold < SAME_TIME else join(state, free, [held]).last, np.zeros((3, self.n))
+        )
         if stop is None:
             return None
         goal = np.zeros((3, self.n))

@@ -326,13 +326,14 @@ def cut_after(trajectory: Trajectory, t: float) -> Trajectory:
 
 
 def join(first: Trajectory, second: Trajectory) -> Trajectory:
-    """Return one motion followed by another."""
+    """Return one motion followed by another; pieces of the second one that are shorter than rounding are left out."""
     c = np.concatenate([first.padded, second.padded], axis=1)
-    a, b = first.s, second.s
+    t, a, b = np.append(first.knots, first.end + second.knots[1:]), first.s, second.s
     s = None if a is None or b is None else np.append(a, b[1:])
-    return Trajectory(
-        scipy.interpolate.PPoly(c, np.append(first.knots, first.end + second.knots[1:]), extrapolate=True), s
-    )
+    wide = np.append(np.diff(t) > 0.0, True)
+    if not wide.all():
+        c, t, s = c[:, wide[:-1]], t[wide], None if s is None else s[wide]
+    return Trajectory(scipy.interpolate.PPoly(c, t, extrapolate=True), s)
 
 
 def make_rest(q: Array, duration: float, s: float | None = None) -> Trajectory:
