@@ -1,14 +1,16 @@
-"""Seams among boxes: resolved as whole paths, followed one way alone, and both with freedoms of the tool."""
+"""Seams among boxes, drawn or published: as whole paths, followed one way alone, and both with freedoms of the tool."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from itertools import product
 from typing import Annotated, Any, NamedTuple
 from zlib import crc32
 
 import numpy as np
 import polars as pl
+from pydantic import BeforeValidator, model_validator
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
@@ -16,10 +18,13 @@ from benchmarks.blocks.base import NUMBER, TEXT, WHOLE, Field, Kind, Session, Tr
 from benchmarks.blocks.block import Block, Entry
 from benchmarks.blocks.columns import Column, count, mean, median, quantile, share
 from benchmarks.blocks.timing.settings import LimitSet
-from benchmarks.settings import Count, RobotName, counted, key, naming, numbered
+from benchmarks.problems.seam_files import EXPECTED, PublishedSeam, find_seam_files, read_seams
+from benchmarks.settings import Count, Flag, MaybeCount, RobotName, counted, key, naming, numbered
 from optik.arm.library import load
 from optik.arm.robot import Robot
+from optik.check import format_value
 from optik.errors import InvalidInput
+from optik.plugins.usage import resolve_data_files
 from optik.registry import short_name
 from optik.scene import Scene
 from optik.scene.contact import find_nearest_pairs
@@ -27,6 +32,7 @@ from optik.types import Array
 from planners.paths.free_path import free
 from planners.paths.polyline import Polyline
 from planners.plan import plan
+from planners.program.parts import Program
 
 WAYS, FREE = {"whole path": "auto", "local": "local"}, ", free"
 """Labels of both ways with their `resolve`, and what is added to the label where the freedoms are free."""
@@ -55,6 +61,13 @@ MEASURES = (
 """Measures: columns of the table of a block, which its targets can name."""
 
 
+def _find_files(name: Any) -> tuple[str, ...]:
+    """Return the paths of the files of a file or a folder, which starts at the suite's folder."""
+    if not isinstance(name, str) or not name:
+        raise InvalidInput("", format_value(name, 60), EXPECTED)
+    return resolve_data_files(name, find_seam_files)
+
+
 class SeamsBlock(Block):
     """Seams of an arm among boxes, without a start."""
 
@@ -63,15 +76,32 @@ class SeamsBlock(Block):
     not_problems = frozenset({"reconfigurations"})
 
     robot: RobotName = key("The arm: a name, or the path of a file; it must have shapes.")
+    files: Annotated[tuple[str, ...], BeforeValidator(_find_files)] = key(
+        "Copy of the repository of CppFlow or IKLink, or a problem or a trace in it; by default the block generates seams.",
+        (),
+    )
     boxes: Count = key("Number of boxes around the arm.", 5)
     poses: Count = key("Number of poses of a seam.", 400)
     turn: Annotated[float, numbered("radians, 0 or more", least=0.0)] = key(
-        "Range of the turn of the tool by which a seam was swept, and which is free in further rows.", 0.0, "rad"
+        "Range of the turn of the tool by which a generated seam was swept, and which is free in further rows.",
+        0.0,
+        "rad",
     )
     tilt: Annotated[float, numbered("radians, 0 or more", least=0.0)] = key("Range of its tilt.", 0.0, "rad")
-    count: Count = key("Number of seams.")
+    count: MaybeCount = key(
+        "Number of seams; required, except with `files`, where it is by default all of the arm.", None
+    )
     limits: LimitSet = key("Limits of the motions, as in `[[timing]]`.")
     reconfigurations: Annotated[int, counted(0)] = key("Most reconfigurations along a seam.", 0)
+    contact: Flag = key("Whether contact is judged, of links too; `false` plans without shapes and boxes.", True)
+
+    @model_validator(mode="after")
+    def _drawn_or_given(self) -> SeamsBlock:
+        if drawn := sorted(self.model_fields_set & {"boxes", "poses"}) if self.files else []:
+            raise InvalidInput("files", f"with {drawn[0]}", "without it, because files have their own boxes and poses")
+        if not self.files and self.count is None:
+            raise InvalidInput("count", "none", "a number of seams, or files")
+        return self
 
     @property
     def freedoms(self) -> dict[str, Any]:
@@ -156,25 +186,29 @@ def draw(block: SeamsBlock, arm: Robot, seed: int, number: int) -> Seam:
     return next(draw_seams(arm, rng, block.boxes, block.poses, block.freedoms))
 
 
-def solve(block: SeamsBlock, arm: Robot, seam: Seam, entry: Entry) -> dict[str, Any]:
+def solve(block: SeamsBlock, arm: Robot, seam: Seam | PublishedSeam, entry: Entry) -> dict[str, Any]:
     """Return the row of one seam and one way."""
-    path = free(seam.path, **block.freedoms) if entry.label.endswith(FREE) else seam.path
+    path: Any = seam.path
+    scene = seam.scene if block.contact else None
+    paths = [part.goal for part in path.parts] if isinstance(path, Program) else [path]
     begin = time.process_time()
     found = plan(
-        arm, path, limits=block.limits.of(arm), scene=seam.scene, tolerance=TOLERANCE, resolve=entry.name,
-        reconfigurations=block.reconfigurations,
+        arm if block.contact else arm.with_shapes(None),
+        free(path, **block.freedoms) if entry.label.endswith(FREE) else path, limits=block.limits.of(arm), scene=scene,
+        tolerance=TOLERANCE, resolve=entry.name, reconfigurations=0 if isinstance(path, Program) else block.reconfigurations,
     )  # fmt: skip
     made = found.resolution
     return {
-        "method": entry.label, "status": str(found.status), "reason": found.failure.reason if found.failure else "",
-        "ms": 1e3 * (time.process_time() - begin), "certified": bool(found), "length": path.end,
+        "method": entry.label, "seam": seam.name if isinstance(seam, PublishedSeam) else "", "status": str(found.status),
+        "reason": found.failure.reason if found.failure else "", "ms": 1e3 * (time.process_time() - begin),
+        "certified": bool(found), "length": sum(one.end for one in paths),
         "duration": found.trajectory.duration if found else None, "sequence_ms": 1e3 * made.seconds if made else None,
         "reconfigurations": len(made.cuts) if made else 0,
     }  # fmt: skip
 
 
 FIELDS = {
-    "method": TEXT, "problem": WHOLE, "status": Field(pl.String, "crashed"), "reason": TEXT, "length": NUMBER,
+    "method": TEXT, "problem": WHOLE, "seam": TEXT, "status": Field(pl.String, "crashed"), "reason": TEXT, "length": NUMBER,
     "certified": Field(pl.Boolean, False, "certificate valid", "%", "more", exact=True),
     "duration": Field(pl.Float64, None, "duration", "s", "less", only="certified"), "reconfigurations": WHOLE,
     "ms": Field(pl.Float64, None, "CPU time of a plan", "ms", "less", only="certified", clock="cpu"),
@@ -192,31 +226,44 @@ class _Seams(Kind):
     fields = FIELDS
     order = 63
 
-    def prepare(self, block: SeamsBlock, seed: int) -> None:
-        """Check arm and limits, and sample the first seam."""
+    def prepare(self, block: SeamsBlock, seed: int) -> list[PublishedSeam]:
+        """Check arm and limits, and read the seams, or sample the first one."""
         arm = load(block.robot)
         with naming(f"seams {block.id!r}"):
-            Scene().pair_mask(arm)
+            if block.contact or not block.files:
+                Scene().pair_mask(arm)
             block.limits.of(arm)
-            draw(block, arm, seed, 0)
+            if not block.files:
+                draw(block, arm, seed, 0)
+                return []
+            with naming("files"):
+                seams = read_seams(block.files, arm)[: block.count]
+            for seam in seams:
+                if block.freedoms and isinstance(seam.path, Program):
+                    raise InvalidInput(
+                        "turn, tilt", f"{seam.name}, which reverses", "seams without a stop, or neither key"
+                    )
+            return seams
 
     def share(self, session: Session) -> Robot:
-        """Return the arm, after the plans of the first seam, which compile."""
+        """Return the arm, after the plans of the first seam, and of the first one with stops, which compile."""
         block, arm = session.block, load(session.block.robot)
-        seam = draw(block, arm, session.seed, 0)
-        for entry in block.entries:
+        first = {type(seam.path): seam for seam in session.prepared[::-1]}.values() or [
+            draw(block, arm, session.seed, 0)
+        ]
+        for seam, entry in product(first, block.entries):
             solve(block, arm, seam, entry)
         return arm
 
     def count(self, block: SeamsBlock, session: Session) -> int:
-        return block.count
+        return len(session.prepared) or block.count or 0
 
     def solve(self, trials: Trials) -> Iterator[dict[str, Any]]:
         """Plan every seam in all ways."""
         assert trials.session is not None
-        block, arm = trials.block, trials.session.shared
+        block, arm, given = trials.block, trials.session.shared, trials.session.prepared
         for problem in trials.numbers:
-            seam = draw(block, arm, trials.seed, problem)
+            seam = given[problem] if given else draw(block, arm, trials.seed, problem)
             yield from (solve(block, arm, seam, entry) | {"problem": problem} for entry in block.entries)
 
     def complete(self, rows: pl.DataFrame, block: SeamsBlock) -> pl.DataFrame:

@@ -61,7 +61,7 @@ def _from_csv(path: Path, robot: Robot | None) -> Poses:
     targets = np.tile(np.eye(4), (len(where), 1, 1))
     targets[:, :3, 3] = table.read_numbers(POSITION)
     values = table.read_numbers(turned)
-    targets[:, :3, :3] = _of_quaternions(values, where) if turned is QUATERNION else values.reshape(-1, 3, 3)
+    targets[:, :3, :3] = of_quaternions(values, where) if turned is QUATERNION else values.reshape(-1, 3, 3)
     starts = None
     if present := [name for name in joints if name in columns]:
         _check_columns(path, columns, known, joints)
@@ -86,7 +86,7 @@ def _check_columns(path: Path, columns: list[str], known: Sequence[str], need: S
             raise InvalidInput(f"{path}, header", f"no column {name!r}", f"the columns {', '.join(need)}{other}")
 
 
-def _of_quaternions(values: Array, where: Sequence[str]) -> Array:
+def of_quaternions(values: Array, where: Sequence[str]) -> Array:
     """Return the rotation matrices (k, 3, 3) of quaternions (k, 4), scalar part first."""
     from scipy.spatial.transform import Rotation
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from importlib.metadata import EntryPoint
@@ -44,6 +44,17 @@ def resolve_data_file(name: str, kind: str) -> str:
     if not in_finished_run():
         note(UsedPlugin(DATA, file.name, file))
     return str(file)
+
+
+def resolve_data_files(name: str, find: Callable[[Path], list[Path]]) -> tuple[str, ...]:
+    """Return the absolute paths of the files that belong to a file or a folder, and note them for the manifest."""
+    reading = _reading.get()
+    if in_finished_run():
+        return (name,)
+    files = find(Path((reading and reading.folder) or Path(), name).resolve())
+    for file in files:
+        note(UsedPlugin(DATA, file.name, file))
+    return tuple(map(str, files))
 
 
 def resolve_file(name: str | os.PathLike[str], kind: str, expected: str = "") -> Path:

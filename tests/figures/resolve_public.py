@@ -6,7 +6,6 @@ with the files of Fetch of KavrakiLab/vamp, resources/fetch. Cases of which a fo
 
 from __future__ import annotations
 
-import csv
 import os
 import warnings
 from functools import cache
@@ -15,27 +14,18 @@ from time import process_time
 from typing import Any
 
 import numpy as np
-import yaml
-from scipy.spatial.transform import Rotation
 
 import optik
 import planners
-from optik.errors import InvalidInput
-from optik.types import Array
+from benchmarks.problems.seam_files import read_seam
 from planners import MotionLimits, Part, Polyline, Program
 from tests.figures.figure import Row, Value, main
 
-BLEND = 2e-3
-"""Largest distance from a waypoint [m]."""
 PATHS = {"panda": "1cube 2cubes flappy_bird 1cube_mini square", "fetch": "circle hello rot_yz rot_yz2 s square"}
 PATHS["fetch_arm"] = f"{PATHS['fetch']} hello_mini"
 IKLINK = ("iklink, 2 cuts", "iklink, turn", "iklink, shapes")
 CASES = (*(f"{arm}__{path}" for arm, paths in PATHS.items() for path in paths.split()), *IKLINK)
 OUT_OF_REACH = "panda__square"
-TORSO = np.array([-0.086875, 0.0, 0.37743])
-"""Fetch's torso_lift_link in its base [m], with the lift at 0."""
-HAND = Rotation.from_euler("z", 45, degrees=True).as_matrix()
-"""Our flange of the Panda in the frame of its hand, which both sets name."""
 
 
 @cache
@@ -54,34 +44,6 @@ def limits_of(robot: optik.Robot) -> MotionLimits:
     return MotionLimits(2.0, 10.0, 100.0) if panda else MotionLimits(robot.limits.velocity, 5.0, 50.0)
 
 
-def read_poses(file: Path, order: tuple[int, ...]) -> Array:
-    """Return the poses (k, 4, 4) of a file with time, position and quaternion, whose columns x, y, z, w have this order."""
-    rows = np.array(list(csv.reader(file.read_text().splitlines()))[1:], dtype=float)[:, 1:]
-    poses = np.tile(np.eye(4), (len(rows), 1, 1))
-    poses[:, :3, 3], poses[:, :3, :3] = rows[:, :3], Rotation.from_quat(rows[:, order]).as_matrix()
-    return poses
-
-
-def read_cppflow(name: str) -> tuple[optik.Robot, Array, optik.Scene]:
-    """Return arm, poses of its tool, and boxes of a problem."""
-    folder = Path(os.environ["CPPFLOW"]) / "cppflow"
-    given = yaml.safe_load((folder / "problems" / f"{name}.yaml").read_text())
-    poses, boxes = read_poses(folder / "paths" / f"{given['path_name']}.csv", (4, 5, 6, 3)), []
-    base = TORSO if given["robot"] == "fetch_arm" else np.zeros(3)
-    poses[:, :3, :3] = poses[:, :3, :3] @ np.array(given["path_R_offset"], dtype=float)
-    poses[:, :3, 3] += np.array(given["path_xyz_offset"]) - base
-    if given["path_offset_frame"] == "torso_lift_link":
-        poses[:, :3, 3] += TORSO
-    if given["robot"] == "panda":
-        poses[:, :3, :3] = poses[:, :3, :3] @ HAND
-    for listed in given.get("obstacles", ()):
-        box: dict[str, float] = {key: value for entry in listed for key, value in entry.items()}
-        T = np.eye(4)
-        T[:3, 3] = np.array([box[key] for key in "xyz"]) + given["obstacle_xyz_offset"] - base
-        boxes.append((T, tuple(box[f"size_{key}"] for key in "xyz")))
-    return arm(given["robot"]), poses, optik.Scene(boxes=boxes)
-
-
 @cache
 def warm(robot: optik.Robot) -> None:
     """Compile what the first problem of an arm needs."""
@@ -90,21 +52,19 @@ def warm(robot: optik.Robot) -> None:
         planners.plan(robot, path, limits=limits_of(robot), scene=None if robot.shapes is None else optik.Scene())
 
 
-def ask(case: str) -> tuple[Any, ...]:
+def ask(case: str) -> tuple[optik.Robot, Any, optik.Scene | None, int]:
     """Return arm, path or program, scene and the most reconfigurations of a case."""
     if not case.startswith("iklink"):
-        robot, poses, scene = read_cppflow(case)
-        try:
-            return robot, Polyline(poses, blend=BLEND), scene, 0
-        except InvalidInput:
-            return robot, Program.of(poses, blend=BLEND), scene, 0
+        seam = read_seam(Path(os.environ["CPPFLOW"]) / "cppflow" / "problems" / f"{case}.yaml")
+        return arm(seam.robot), seam.path, seam.scene, 0
     (file,) = (Path(os.environ["IKLINK"]) / "input_trajectories").glob("panda_*.csv")
-    poses = read_poses(file, (3, 4, 5, 6))
-    poses[:, :3, :3] = poses[:, :3, :3] @ HAND
-    path, plain = Polyline(poses, blend=BLEND), arm("panda").with_shapes(None)
+    seam, plain = read_seam(file), arm("panda").with_shapes(None)
     if case.endswith("shapes"):
-        return arm("panda"), path, optik.Scene(), 0
-    return (plain, path, None, 2) if case.endswith("cuts") else (plain, planners.free(path, turn=np.pi), None, 0)
+        return arm("panda"), seam.path, seam.scene, 0
+    if case.endswith("cuts"):
+        return plain, seam.path, None, 2
+    assert isinstance(seam.path, Polyline)
+    return plain, planners.free(seam.path, turn=np.pi), None, 0
 
 
 def measure(case: int) -> Row:
