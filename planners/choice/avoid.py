@@ -127,10 +127,8 @@ class Cuts:
         """Add the pairs in contact at configurations, several in each interval; return whether there are any."""
         at, pairs, _rooms = NearPairs(self._robot, self._scene, len(q)).find(q, TOUCHING_ROOM)
         inside = (at > 0) & (at < len(q) - 1)
-        self._add(
-            np.concatenate([at[inside] // EXAMINED_BETWEEN, -(-at[inside] // EXAMINED_BETWEEN)]),
-            np.tile(pairs[inside], 2),
-        )
+        ends = np.concatenate([at[inside] // EXAMINED_BETWEEN, -(-at[inside] // EXAMINED_BETWEEN)])
+        self._add(ends, np.tile(pairs[inside], 2))
         return bool(inside.any())
 
     def add_failed(self, q: Array, s: float, grid: Array) -> None:
@@ -146,9 +144,8 @@ class Cuts:
         before, self.pairs = self.pairs, np.union1d(self.pairs, pairs)
         place, at = np.searchsorted(self.pairs, before), np.searchsorted(self.pairs, pairs)
         old = self.initial, self.table, self.share
-        self.initial, self.table, self.share = (
-            np.full((len(x), self.pairs.size), y) for x, y in zip(old, UNKNOWN, strict=True)
-        )
+        new = (np.full((len(x), self.pairs.size), y) for x, y in zip(old, UNKNOWN, strict=True))
+        self.initial, self.table, self.share = new
         self.initial[:, place], self.table[:, place], self.share[:, place] = old
         required, share = self.table[k, at], self.share[k, at]
         again = np.where(share < MORE_OF_INITIAL, MORE_OF_INITIAL, np.inf)

@@ -14,12 +14,12 @@ from optik.errors import InvalidInput
 from optik.types import Array, Flags
 from planners.certificate.certificate import Certificate
 from planners.choice.programme import FreeProgramme, Statics, ToolCoordinates
-from planners.choice.solve import LEAST_P_DAMPING, Bounds, FreeSolution, solve
+from planners.choice.solve import LEAST_P_DAMPING, FreeSolution, solve
 from planners.choice.vias import ViaLimits, pass_through
 from planners.following.joint_path import JointPath
 from planners.following.resolve.freedoms import FreeWay
 from planners.paths.base import Path
-from planners.paths.control_curve import Basis
+from planners.paths.control_curve import Basis, ControlBounds
 from planners.paths.free_path import CoordinateRange, FreePath, NullSpace
 from planners.paths.point_to_point import PointToPoint
 from planners.timing.interior_point.newton import Iterate
@@ -39,6 +39,8 @@ POINTS_PER_COEFFICIENT = 3
 """Grid points for each coefficient of the default number: with fewer the path bends between them, where nothing limits it."""
 MORE_COEFFICIENTS = (1.5, 2.5, 5.0)
 """Numbers of coefficients, over the default one, that are tried where nothing is found around obstacles."""
+NOT_CHOSEN = "the initial coefficients: only the law optimal chooses them"
+"""Outcome of a plan by another law."""
 NULL_STATIONS = 25
 """Configurations along the path whose null spaces are averaged."""
 
@@ -80,11 +82,8 @@ class FreedomResult:
     angle: float = float("nan")
 
     def __str__(self) -> str:
-        ranges = "; ".join(
-            f"{one.name} {one.reached[0]:.3g} to {one.reached[1]:.3g} {one.unit}"
-            for one in self.ranges
-            if self.gain > 0.0
-        )
+        moved = self.ranges if self.gain > 0.0 else ()
+        ranges = "; ".join(f"{one.name} {one.reached[0]:.3g} to {one.reached[1]:.3g} {one.unit}" for one in moved)
         saved = f", {100.0 * self.gain:.3g} % shorter than {self.fixed_duration:.4g} s" if self.gain > 0.0 else ""
         return f"  freedoms: {self.outcome}{saved}{'; ' + ranges if ranges else ''}"
 
@@ -98,6 +97,7 @@ class Choice:
 
     damping = LEAST_P_DAMPING
     statics: tuple[Statics, ...] = ()
+    ways: Sequence[FreeWay] = ()
 
     def __init__(
         self, path: FreePath, joint_path: JointPath, optimum: Optimum, *, held: bool, ways: Sequence[FreeWay] = ()
@@ -109,10 +109,8 @@ class Choice:
         self.path, self.robot, self.joint_path, self.optimum, self.held = path, robot, joint_path, optimum, held
         self.ways = ways
         self.initial: FreePath | PointToPoint = path
-        rows = _null_rows(robot, joint_path) if robot.n > 6 else np.empty((0, robot.n))
-        elbow = (
-            path.spline.fit(joint_path.knots, joint_path.q @ rows.T) if len(rows) else np.empty((path.spline.count, 0))
-        )
+        rows = _null_rows(robot, joint_path)
+        elbow = path.spline.fit(joint_path.knots, joint_path.q @ rows.T)
         self.rows, self.tool_count = rows, len(path.screws)
         self.p: Array = np.concatenate([path.coefficients, elbow], axis=1)
         self.bounds, free = self._bound()
@@ -122,18 +120,11 @@ class Choice:
         self.programme = FreeProgramme(optimum.programme, *self.parts)
         self.near: Array = np.stack([joint_path(s, order) for order in range(4)])
 
-    def _bound(self) -> tuple[Bounds, Flags]:
+    def _bound(self) -> tuple[ControlBounds, Flags]:
         """Return the bounds of the coefficients, and which of them are free."""
         lower, upper = np.full(self.p.shape, -np.inf), np.full(self.p.shape, np.inf)
-        free, column, discs = np.ones(self.p.shape, np.bool_), 0, []
-        for kind in self.path.kinds:
-            (low, high), count = self.path.bounds[kind.name], len(kind.screws)
-            at = slice(column, column + count)
-            if kind.round:
-                discs.append((column, high))
-            else:
-                lower[:, at], upper[:, at] = low, high
-            column += count
+        free, column, tool = np.ones(self.p.shape, np.bool_), self.tool_count, self.path.control_bounds
+        lower[:, :column], upper[:, :column] = tool.lower, tool.upper
         if "elbow" in self.path.bounds:
             low, high = self.path.bounds["elbow"]
             lower[:, column:], upper[:, column:] = self.p[:, column:] + low, self.p[:, column:] + high
@@ -141,7 +132,7 @@ class Choice:
             free[:, column:] = False
         if self.held:
             free[0] = False
-        return Bounds(lower, upper, tuple(discs)), free
+        return ControlBounds(lower, upper, tool.discs), free
 
     def gradient(self) -> Array:
         """Return dT/dp (C, D) at the initial path, from the multipliers of the optimum along it."""
@@ -159,11 +150,8 @@ class Choice:
         self._spread_speeds(problem.node, at, y)
         border = free.make_border()
         free.fill(place, at.z, y, border)
-        return (
-            free.gather(y, border).reshape(self.p.shape)
-            * fixed.units[1]
-            * self.programme.window.free.reshape(self.p.shape)
-        )
+        slope = free.gather(y, border).reshape(self.p.shape) * fixed.units[1]
+        return slope * free.window.free.reshape(self.p.shape)
 
     def _spread_speeds(self, node: Array, at: Iterate, y: Array) -> None:
         """Add the multipliers of the greatest speeds to those of the joint or tool limit that bounds each."""
@@ -222,7 +210,7 @@ class JointChoice(Choice):
         self.initial = path
         self.p = path.coefficients
         lower, upper = (np.tile(x, (len(self.p), 1)) for x in (robot.limits.lower, robot.limits.upper))
-        self.bounds, free = Bounds(lower, upper), np.ones(self.p.shape, np.bool_)
+        self.bounds, free = ControlBounds(lower, upper), np.ones(self.p.shape, np.bool_)
         free[[0, -1]] = False
         free[:, robot.limits.lower == robot.limits.upper] = False
         self.parts = path.spline.basis(s), free.ravel(), robot.n, None
@@ -230,10 +218,6 @@ class JointChoice(Choice):
         self.programme = FreeProgramme(optimum.programme, *self.parts, *self.statics)
         self.near = np.stack([joint_path(s, order) for order in range(4)])
         self.damping = SHAPE_DAMPING
-
-    def guesses(self) -> Iterator[tuple[Array, Array]]:
-        """Yield the given control points and joints."""
-        yield self.p, self.near
 
     def refine(self) -> Iterator[Choice]:
         """Yield nothing: the path around obstacles has its own number of control points."""
@@ -246,14 +230,12 @@ class JointChoice(Choice):
 
 def _null_rows(robot: Robot, joint_path: JointPath) -> Array:
     """Return the directions (r, n) nearest to the null spaces of the Jacobian along a joint path."""
+    if robot.n <= 6:
+        return np.empty((0, robot.n))
     q = joint_path(np.linspace(0.0, joint_path.end, NULL_STATIONS))
     basis = np.linalg.svd(robot.jacobian(q))[2][:, 6:]
     mean = np.einsum("kri,krj->ij", basis, basis)
-    return (
-        np.ascontiguousarray(np.linalg.eigh(mean)[1][:, : 5 - robot.n : -1].T)
-        if robot.n > 6
-        else np.empty((0, robot.n))
-    )
+    return np.ascontiguousarray(np.linalg.eigh(mean)[1][:, : 5 - robot.n : -1].T)
 
 
 def choice_for(
@@ -265,9 +247,8 @@ def choice_for(
     robot = joint_path.robot
     if robot.n < 6 + ("elbow" in path.bounds):
         expected = "an arm with more than six joints" if "elbow" in path.bounds else "an arm with at least six joints"
-        raise InvalidInput(
-            "path", f"one with {' and '.join(path.bounds)}, for {robot.name} with {robot.n} joints", expected
-        )
+        got = f"one with {' and '.join(path.bounds)}, for {robot.name} with {robot.n} joints"
+        raise InvalidInput("path", got, expected)
     most = optimum.programme.s.size // POINTS_PER_COEFFICIENT
     if path.counts_itself and path.spline.count > most:
         path = path.with_count(most)
@@ -310,20 +291,15 @@ def choose(
 
     plan_along makes a plan along a path from a start configuration (n,), or returns None if it is not valid.
     """
-    duration, best, tried, steps, gradient = fixed.trajectory.duration, fixed, 0, 0, float("nan")
     if optimum is None:
         return fixed, report_fixed(path, fixed)
+    duration, best = fixed.trajectory.duration, fixed
     choice = choice_for(path, joint_path, optimum, held=held, ways=ways)
     gradient = float(np.abs(choice.gradient()).sum())
     if gradient <= WORTHLESS * duration and not ways:
-        return fixed, report(
-            path, duration, fixed, "the initial path: the freedoms cannot shorten the motion", gradient
-        )
-    found = []
-    for solution in choice.solve():
-        found.append(solution)
-        steps += solution.steps
-    tried, outcome = len(found), "the initial path: the iteration found no other"
+        outcome = "the initial path: the freedoms cannot shorten the motion"
+        return fixed, report(path, duration, fixed, outcome, gradient)
+    found, outcome = list(choice.solve()), "the initial path: the iteration found no other"
     for solution in sorted(found, key=lambda one: one.duration):
         if solution.duration >= (1.0 - LEAST_GAIN) * duration:
             outcome = "the initial path: no other is shorter in time"
@@ -333,14 +309,10 @@ def choose(
             best, path, outcome = better, choice.path_of(solution.p), "chosen"
             break
         outcome = "the initial path: no other is proved and shorter in time"
-    return best, report(path, duration, best, outcome, gradient, tried, steps)
+    return best, report(path, duration, best, outcome, gradient, len(found), sum(one.steps for one in found))
 
 
-def report_fixed(
-    path: FreePath | PointToPoint,
-    fixed: Timed,
-    outcome: str = "the initial coefficients: only the law optimal chooses them",
-) -> FreedomResult:
+def report_fixed(path: FreePath | PointToPoint, fixed: Timed, outcome: str = NOT_CHOSEN) -> FreedomResult:
     """Return the result for a path whose coefficients were not chosen."""
     return report(path, fixed.trajectory.duration, fixed, outcome)
 

@@ -81,8 +81,7 @@ class ClearanceLimits(Statics):
     bends = 0
 
     def __init__(
-        self, robot: Robot, scene: Scene, basis: Basis, free: Flags, slots: Indices,
-        required: Array, column: Indices,
+        self, robot: Robot, scene: Scene, basis: Basis, free: Flags, slots: Indices, required: Array, column: Indices,
         pairs: NearPairs | None = None,
     ) -> None:  # fmt: skip
         self._robot, self._bodies, self._basis, self._free = robot, bodies_of(robot, scene), basis, free
@@ -91,9 +90,8 @@ class ClearanceLimits(Statics):
         self._pairs = pairs or NearPairs(robot, scene, len(required))
         self._room, self._slope = np.empty(slots.shape), np.empty((*slots.shape, robot.n))
         self._at: ChoicePlace | None = None  # the joints that the rooms of the slots and their derivatives belong to
-        self._near: tuple[ChoicePlace, Indices, Indices, Array] | None = (
-            None  # pairs without a slot that are near there
-        )
+        # pairs without a slot that are near there
+        self._near: tuple[ChoicePlace, Indices, Indices, Array] | None = None
 
     def allows(self, place: ChoicePlace) -> bool:
         """Return whether every pair has its required room."""
@@ -125,9 +123,8 @@ class ClearanceLimits(Statics):
         pair_rooms(self._robot.chain, self._bodies, place.path[0], self._margin, self._slots, self._room, self._slope)
         required = np.take_along_axis(self._required, self._column[self._slots], axis=1)
         x = np.minimum(self._room - np.where(self._slots >= 0, required, 0.0), FREE_ROOM)
-        self._slope *= (
-            -2.0 * np.where(x > 0.0, ROOM_BEND / (np.maximum(x, 0.0) + ROOM_BEND) ** 2, 1.0 / ROOM_BEND)[..., None]
-        )
+        fall = np.where(x > 0.0, ROOM_BEND / (np.maximum(x, 0.0) + ROOM_BEND) ** 2, 1.0 / ROOM_BEND)
+        self._slope *= -2.0 * fall[..., None]
         return np.asarray(1.0 - 2.0 * x / (np.maximum(x, 0.0) + ROOM_BEND))
 
     def write(self, place: ChoicePlace, joints: Array, y: Array, columns: Array, bends: Array, begin: Indices) -> None:

@@ -146,9 +146,8 @@ def find_first_paths(
         legs, samples, q = [], 0, path.coefficients[0]
         for i, (s, target) in enumerate(zip(at, targets, strict=True)):
             last = i == len(path.vias)
-            found = find_path(
-                path.robot, q, target, scene=scene, search=search, seed=seed, winding=winding if last else "exact"
-            )
+            turns = winding if last else "exact"
+            found = find_path(path.robot, q, target, scene=scene, search=search, seed=seed, winding=turns)
             samples += found.samples
             if not found:
                 yield FirstPath(_explain(found, i, s, last), samples)

@@ -8,6 +8,7 @@ import numpy as np
 
 from optik.types import Array, Flags
 from planners.choice.programme import ChoicePlace, FreeProgramme
+from planners.paths.control_curve import ControlBounds
 from planners.timing.interior_point import iteration
 from planners.timing.interior_point.newton import Problem, back, forth
 
@@ -37,21 +38,6 @@ LEAST_P_DAMPING, FIRST_DAMPING, MOST_DAMPING = 1e-6, 1e-3, 1e6
 that was too long, and the most."""
 
 
-class Bounds(NamedTuple):
-    """Bounds of the coefficients (C, D): each lower ≤ p ≤ upper, and discs: first of two columns, and radius."""
-
-    lower: Array
-    upper: Array
-    discs: tuple[tuple[int, float], ...] = ()
-
-    def clip(self, p: Array) -> Array:
-        """Return the nearest coefficients inside."""
-        p = np.clip(p, self.lower, self.upper)
-        for at, radius in self.discs:
-            p[:, at : at + 2] /= np.maximum(np.linalg.norm(p[:, at : at + 2], axis=1) / radius, 1.0)[:, None]
-        return p
-
-
 class FreeSolution(NamedTuple):
     """Coefficients (C, D), motion z (K + 1, 4), its duration [s], dT/dp (C, D) [s/rad], Newton steps, and configurations."""
 
@@ -66,7 +52,7 @@ class FreeSolution(NamedTuple):
 class _Box:
     """The bounds of the coefficients as constraint values c in [−1, 1], with their slacks and multipliers."""
 
-    def __init__(self, bounds: Bounds, free: Flags, p: Array, mu: float) -> None:
+    def __init__(self, bounds: ControlBounds, free: Flags, p: Array, mu: float) -> None:
         self.discs, self.free = bounds.discs, free.reshape(p.shape)
         width = bounds.upper - bounds.lower
         bounded = np.isfinite(width) & self.free
@@ -153,7 +139,7 @@ def _slow_down(programme: FreeProgramme, problem: Problem, z: Array) -> Array:
 
 
 def solve(
-    programme: FreeProgramme, p: Array, bounds: Bounds, near: Array, *, least: float = LAST_WEIGHT,
+    programme: FreeProgramme, p: Array, bounds: ControlBounds, near: Array, *, least: float = LAST_WEIGHT,
     damping: float = LEAST_P_DAMPING, enough: float = 0.0,
 ) -> FreeSolution | None:  # fmt: skip
     """Return the fastest motion over the coefficients near an initial guess p (C, D); None if the iteration finds none.
@@ -175,7 +161,7 @@ class _Iteration:
     """State of the iteration: coefficients p, the joints for them, and the motion with its slacks and multipliers."""
 
     def __init__(
-        self, programme: FreeProgramme, p: Array, bounds: Bounds, place: ChoicePlace, longest: float, damping: float
+        self, programme: FreeProgramme, p: Array, bounds: ControlBounds, place: ChoicePlace, longest: float, damping: float
     ) -> None:  # fmt: skip
         self.programme, self.p, self.place, self.longest = programme, p, place, longest
         self.problem, K = programme.problem(place), programme.K
@@ -208,9 +194,8 @@ class _Iteration:
             if stuck == STUCK_STEPS:
                 return kept
             durations.append(float(self.at.z[:-1, 2].sum()))
-            slow = (
-                steps > SLOW_STEPS and abs(durations[-1 - SLOW_STEPS] - durations[-1]) < LEAST_PROGRESS * durations[-1]
-            )
+            before = durations[-1 - SLOW_STEPS] if steps > SLOW_STEPS else np.inf
+            slow = abs(before - durations[-1]) < LEAST_PROGRESS * durations[-1]
             enough = off < SMALL_RESIDUAL * K and self.mu < SMALL_WEIGHT and least >= LAST_WEIGHT
             if enough and (slow or steps == MOST_FREE_STEPS):
                 return self._solution(steps)
@@ -303,6 +288,5 @@ class _Iteration:
         programme.fill(self.place, self.at.z, y, border)
         time = programme.given.units[1]
         gradient = programme.gather(y, border).reshape(self.p.shape) * time
-        return FreeSolution(
-            self.p, self.at.z.copy(), float(self.at.z[:-1, 2].sum()) * time, gradient, steps, self.place.path
-        )
+        duration = float(self.at.z[:-1, 2].sum()) * time
+        return FreeSolution(self.p, self.at.z.copy(), duration, gradient, steps, self.place.path)

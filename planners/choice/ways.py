@@ -87,9 +87,8 @@ def choose_path(
     if not fixed:
         return fixed
     if scene is not None and path.segments > FEW_SEGMENTS:
-        return replace(
-            fixed, freedom=report_fixed(path, fixed, "the initial path: avoid=True optimises it in the scene")
-        )
+        outcome = "the initial path: avoid=True optimises it in the scene"
+        return replace(fixed, freedom=report_fixed(path, fixed, outcome))
     found, result = choose(path, fixed.joint_path, optimum, fixed, held=held, plan_along=plan_along, ways=ways)
     return replace(found, freedom=result)
 

@@ -33,7 +33,6 @@ def loaded_freedom(name: str) -> Freedom:
     """Return the freedom of a name without running a file; raise UnknownName if this process has none of this name."""
     kind: type[Freedom] | None = find_loaded("planners.freedom", name)
     if kind is None:
-        raise UnknownName(
-            "freedom", str(name), freedoms(), "a file's freedom is known once `planners.free` has loaded it"
-        )
+        advice = "a file's freedom is known once `planners.free` has loaded it"
+        raise UnknownName("freedom", str(name), freedoms(), advice)
     return kind()

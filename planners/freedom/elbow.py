@@ -17,9 +17,8 @@ class Elbow(Freedom):
     def check(self, value: Any) -> Bounds:  # noqa: D102
         low, high = super().check(value)
         if not low <= 0.0 <= high:
-            raise InvalidInput(
-                self.name, f"({low:g}, {high:g})", "a pair with lower ≤ 0 ≤ upper: 0 is the initial joint path"
-            )
+            expected = "a pair with lower ≤ 0 ≤ upper: 0 is the initial joint path"
+            raise InvalidInput(self.name, f"({low:g}, {high:g})", expected)
         return low, high
 
 

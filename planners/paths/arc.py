@@ -16,6 +16,7 @@ from optik.errors import InvalidInput
 from optik.types import Array
 from planners.paths.base import Path, fields
 from planners.paths.poses import TURN_WEIGHT, make_poses, rotations_along, shortest_turn
+from planners.paths.waypoints import check_rotation
 
 SAME_POINT = 1e-9
 """Points nearer to each other than this [m] count as equal and give no direction."""
@@ -127,11 +128,10 @@ class Arc(Path):
         outward = outward - (outward @ unit) * unit
         radius = float(np.linalg.norm(outward))
         if radius <= SAME_POINT:
-            raise InvalidInput(
-                "start", f"{radius:.3g} m from the axis", "a start off the axis: a Line turns on the spot"
-            )
+            expected = "a start off the axis: a Line turns on the spot"
+            raise InvalidInput("start", f"{radius:.3g} m from the axis", expected)
         inward = -outward / radius
-        circle = Circle(_cross(inward, unit), inward, radius, abs(float(angle)))
+        circle = Circle(np.cross(inward, unit), inward, radius, abs(float(angle)))
         turn, kept = _check_orientation(first, orientation, circle.angle * unit)
         data = {"start": first.tolist(), "centre": point.tolist(), "axis": direction.tolist(), "angle": float(angle)}
         return cls(first, circle, turn, data | {"orientation": kept})
@@ -204,32 +204,27 @@ def _circle_through(start: Array, via: Array, goal: Array) -> Circle:
         if side <= least:
             full = "; a full circle is Arc.about" if argument == "goal" else ""
             raise InvalidInput(argument, f"a point {side:.3g} m from {other}", f"three different points{full}")
-    normal = _cross(first, second)
+    normal = np.cross(first, second)
     area = float(np.linalg.norm(normal))
     delta = float(np.arctan2(area, first @ second))
     if not DEGENERATE <= delta <= pi - DEGENERATE:
-        raise InvalidInput(
-            "via",
-            f"three points on a straight line (within {DEGENERATE:g} rad)",
-            "a point off the line from start to goal; use Line for a straight path",
-        )
+        got = f"three points on a straight line (within {DEGENERATE:g} rad)"
+        raise InvalidInput("via", got, "a point off the line from start to goal; use Line for a straight path")
     normal /= area
     chord /= sides[2]
-    along = np.cos(delta) * chord - np.sin(delta) * _cross(normal, chord)
-    return Circle(along, _cross(normal, along), float(sides[2] / (2.0 * np.sin(delta))), 2.0 * delta)
+    along = np.cos(delta) * chord - np.sin(delta) * np.cross(normal, chord)
+    return Circle(along, np.cross(normal, along), float(sides[2] / (2.0 * np.sin(delta))), 2.0 * delta)
 
 
 def _check_orientation(start: Array, orientation: ArrayLike, with_arc: Array) -> tuple[Array, Any]:
     """Return the rotation vector (3,) of the whole arc, and the orientation as plain data."""
+    expected = "'fixed', 'arc' or a rotation matrix (3, 3)"
     if isinstance(orientation, str):
         if orientation not in ("fixed", "arc"):
-            raise InvalidInput("orientation", repr(orientation)[:60], "'fixed', 'arc' or a rotation matrix (3, 3)")
+            raise InvalidInput("orientation", repr(orientation)[:60], expected)
         return (with_arc if orientation == "arc" else np.zeros(3)), orientation
-    R = real_array(orientation, "orientation", "'fixed', 'arc' or a rotation matrix (3, 3)")
-    if R.shape != (3, 3):
-        raise InvalidInput("orientation", f"shape {R.shape}", "'fixed', 'arc' or a rotation matrix (3, 3)")
-    goal = se3.nearest_pose(se3.check_pose(se3.pose(R), "orientation"))
-    return shortest_turn(start, goal, "orientation"), goal[:3, :3].tolist()
+    R = check_rotation(orientation, expected)
+    return shortest_turn(start, R, "orientation"), R.tolist()
 
 
 def _vector(value: ArrayLike, argument: str, what: str) -> Array:
@@ -239,10 +234,6 @@ def _vector(value: ArrayLike, argument: str, what: str) -> Array:
     if not (np.abs(vector) <= se3.FARTHEST).all():
         raise InvalidInput(argument, vector.tolist(), f"{what} of finite numbers up to 1e6")
     return vector.copy()
-
-
-def _cross(a: Array, b: Array) -> Array:
-    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
 METHOD = Arc

@@ -300,14 +300,36 @@ class Path(Curve):
         return self._evaluate(s, 0), self._evaluate(s, 1)
 
 
+class PiecewisePath(Path):
+    """A path of several pieces, each with its own bounds."""
+
+    @abstractmethod
+    def piece_bounds(self) -> Array:
+        """Return bounds (k − 1, 2, 4) on the derivatives of position and rotation between two breaks."""
+
+    def derivative_bounds(self) -> Array:
+        """Return bounds (2, 4) on the derivatives of position and rotation: the greatest of all pieces."""
+        return np.asarray(self.piece_bounds().max(axis=0))
+
+
+def check_robot(robot: Any) -> None:
+    """Raise InvalidInput unless a value is an arm."""
+    if not isinstance(robot, Robot):
+        raise InvalidInput("robot", repr(robot)[:60], "a Robot")
+
+
+def check_recorded(robot: Robot | None, name: str, fingerprint: str) -> Robot:
+    """Return an arm; raise InvalidInput unless it is the one that a path in joint space was written for."""
+    if not isinstance(robot, Robot):
+        raise InvalidInput("robot", repr(robot)[:60], f"the arm {name}, because the path is in joint space")
+    if robot.fingerprint != fingerprint:
+        raise InvalidInput("robot", f"{robot!r} ({robot.fingerprint})", f"the arm {name} ({fingerprint})")
+    return robot
+
+
 def check_arm(robot: Robot, own: Robot) -> None:
     """Raise InvalidInput unless an arm has the kinematics of the arm of a path in joint space."""
-    same = robot is own or (
-        np.array_equal(robot.fixed, own.fixed)
-        and np.array_equal(robot.prismatic, own.prismatic)
-        and np.array_equal(robot.tool, own.tool)
-    )
-    if not same:
+    if robot is not own and not all(map(np.array_equal, robot.chain, own.chain)):
         other = f"{robot!r}, which differs in {describe_difference(robot, own)}"
         raise InvalidInput("robot", other, f"the arm of this path, {own!r}")
 

@@ -68,10 +68,9 @@ def find_configurations(robot: Robot, pose: Array, before: Array, which: str) ->
         solved = get_solver(robot, "lm").solve(target, before[0])
         found = _find_inside(robot, target, solved.q[None] if solved else roots[:0], before[0])
     if not len(found):
-        raise NoSolution(
-            f"no configuration inside the limits reaches the pose of {which}, from {ROOT_GUESSES} initial guesses",
-            advice="a pose within reach; optik.solve_ik with closest=True returns the nearest pose",
-        )
+        reason = f"no configuration inside the limits reaches the pose of {which}, from {ROOT_GUESSES} initial guesses"
+        advice = "a pose within reach; optik.solve_ik with closest=True returns the nearest pose"
+        raise NoSolution(reason, advice=advice)
     return found
 
 
@@ -174,9 +173,8 @@ def _slide_along(
             middle = weights @ np.array(beside) / weights.sum()  # Weiszfeld's step to the least sum of distances
             moved = slide(robot, poses[i - 1], line[i], middle, (MISSED, MISSED))
             moved = select_inside(robot, poses[i - 1], (MISSED, MISSED), moved[None])
-            shorter = len(moved) and _measure([line[i - 1], moved[0], *beside[1:]]) < _measure(
-                [line[i - 1], line[i], *beside[1:]]
-            )
+            before_move = _measure([line[i - 1], line[i], *beside[1:]])
+            shorter = len(moved) and _measure([line[i - 1], moved[0], *beside[1:]]) < before_move
             if shorter and (usable is None or bool(usable(moved)[0])):
                 line[i] = moved[0]
         if _measure(line) > (1.0 - LEAST_SHORTENING) * before:

@@ -63,6 +63,27 @@ class Basis(NamedTuple):
         out[:, 0] += first[:, 0]
         return out
 
+    def matrix(self, count: int, order: int = 0) -> Array:
+        """Return the matrix (k, C) from that many control points to the spline or a derivative at the points."""
+        out = np.zeros((len(self.first), count))
+        np.put_along_axis(out, self.first[:, None] + np.arange(DEGREE + 1), self.values[:, order], axis=1)
+        return out
+
+
+class ControlBounds(NamedTuple):
+    """Bounds of control points (C, D): each lower ≤ p ≤ upper, and discs: first of two columns, and radius."""
+
+    lower: Array
+    upper: Array
+    discs: tuple[tuple[int, float], ...] = ()
+
+    def clip(self, p: Array) -> Array:
+        """Return the nearest control points inside."""
+        p = np.clip(p, self.lower, self.upper)
+        for at, radius in self.discs:
+            p[:, at : at + 2] /= np.maximum(np.linalg.norm(p[:, at : at + 2], axis=1) / radius, 1.0)[:, None]
+        return p
+
 
 class ControlCurve:
     """Clamped knots on [0, end], by default equally spaced.
@@ -120,9 +141,7 @@ class ControlCurve:
 
     def fit(self, s: Array, values: Array) -> Array:
         """Return the coefficients (C, D) of the least-squares spline through values (k, D), exact at the first and last one."""
-        first, basis = self.basis(s)[0], self.basis(s).values[:, 0]
-        A = np.zeros((s.size, self.count))
-        np.put_along_axis(A, first[:, None] + np.arange(DEGREE + 1), basis, axis=1)
+        A = self.basis(s).matrix(self.count)
         ends = A[:, :1] * values[:1] + A[:, -1:] * values[-1:]
         inner = np.linalg.lstsq(A[:, 1:-1], values - ends, rcond=None)[0]
         return np.concatenate([values[:1], inner, values[-1:]])
@@ -134,11 +153,7 @@ class ControlCurve:
             return np.asarray(q[0] + self.greville[:, None] / self.end * (q[1] - q[0]))
         u, width = (np.arange(DEGREE + 1) + 0.5) / (DEGREE + 1), np.diff(self.breaks)
         at = (self.breaks[:-1, None] + width[:, None] * u).ravel()
-        basis, through = self.basis(at), self.basis(s)
-        bend, A = np.zeros((at.size, C)), np.zeros((s.size, C))
-        weights = np.sqrt(np.repeat(width, u.size))[:, None]
-        np.put_along_axis(bend, basis.first[:, None] + np.arange(DEGREE + 1), weights * basis.values[:, 2], axis=1)
-        np.put_along_axis(A, through.first[:, None] + np.arange(DEGREE + 1), through.values[:, 0], axis=1)
+        bend, A = np.sqrt(np.repeat(width, u.size))[:, None] * self.basis(at).matrix(C, 2), self.basis(s).matrix(C)
         H = bend.T @ bend * self.end**3
         system = np.block([[H, A.T], [A, np.zeros((s.size, s.size))]])
         found = np.linalg.solve(system, np.concatenate([np.zeros((C, q.shape[1])), q]))[:C]
@@ -151,8 +166,7 @@ class ControlCurve:
         A control point that leaves its range is put onto its bound, and the others take the rest by the least change. A value
         is missed only where it needs control points outside.
         """
-        basis, A, out = self.basis(s), np.zeros((s.size, self.count)), p.copy()
-        np.put_along_axis(A, basis.first[:, None] + np.arange(DEGREE + 1), basis.values[:, 0], axis=1)
+        A, out = self.basis(s).matrix(self.count), p.copy()
         if np.abs(rest := values - A @ out).max() > PASSED:
             out[1:-1] += np.linalg.lstsq(A[:, 1:-1], rest, rcond=None)[0]
         for j in range(p.shape[1]):

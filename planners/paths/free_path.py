@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import cached_property
+from itertools import pairwise
 from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
@@ -15,8 +16,8 @@ from optik.errors import InvalidInput
 from optik.types import Array, Indices
 from planners.freedom import Freedom, freedom_of, loaded_freedom
 from planners.freedom.base import Bounds
-from planners.paths.base import Path, fields
-from planners.paths.control_curve import DEGREE, ControlCurve
+from planners.paths.base import Path, PiecewisePath, fields
+from planners.paths.control_curve import DEGREE, ControlBounds, ControlCurve
 from planners.paths.screws import move_along
 from planners.trajectory.curve import BINOMIAL, bells
 
@@ -66,7 +67,7 @@ class CoordinateRange(NamedTuple):
     reached: tuple[float, float]
 
 
-class FreePath(Path):
+class FreePath(PiecewisePath):
     """A path of the tool with freedoms, such as a turn about the tool's axis; `planners.free` makes it.
 
     As an ordinary path it is the given one, moved by the present coefficients, at first the given path itself. A plan with the
@@ -106,6 +107,8 @@ class FreePath(Path):
         self.unit, self.turns_only, self.segments = path.unit, path.turns_only, path.segments
         self.spline, self.null_space = ControlCurve(path.end, count), null_space
         self.kinds: tuple[Freedom, ...] = tuple(loaded_freedom(name) for name in self.bounds)
+        ends = np.cumsum([0, *(len(kind.screws) for kind in self.kinds)]).tolist()
+        self._columns = {kind.name: slice(*at) for kind, at in zip(self.kinds, pairwise(ends), strict=True)}
         self.screws: Array = np.array([screw for kind in self.kinds for screw in kind.screws]).reshape(-1, 6)
         nearest = np.array([np.clip(0.0, *self.bounds[kind.name]) for kind in self.kinds for _ in kind.screws])
         start = np.tile(nearest, (count, 1)) if coefficients is None else coefficients
@@ -115,7 +118,7 @@ class FreePath(Path):
                 at = f"{one.reached[0]:.6g} to {one.reached[1]:.6g} {one.unit} for {one.name}"
                 raise InvalidInput("coefficients", at, f"{one.allowed[0]:.6g} to {one.allowed[1]:.6g}")
 
-    def with_count(self, count: int) -> FreePath:
+    def with_count(self, count: int) -> Self:
         """Return the path with another number of coefficients, inside the convex hull of the present ones.
 
         Parameters
@@ -132,7 +135,7 @@ class FreePath(Path):
         coefficients = [np.interp(spline.greville, self.spline.greville, x) for x in self.coefficients.T]
         return self._copy(count, np.reshape(coefficients, (len(coefficients), count)).T, None)
 
-    def with_coefficients(self, coefficients: Array, null_space: NullSpace | None) -> FreePath:
+    def with_coefficients(self, coefficients: Array, null_space: NullSpace | None) -> Self:
         """Return the path with other coefficients of its coordinates.
 
         Parameters
@@ -149,32 +152,22 @@ class FreePath(Path):
         """
         return self._copy(self.spline.count, coefficients, null_space)
 
-    def clip(self, coefficients: Array) -> Array:
-        """Return the nearest coefficients inside the ranges of the freedoms.
-
-        Parameters
-        ----------
-        coefficients : (count, d) array
-            Values of the coordinates at the control points [rad, m].
-
-        Returns
-        -------
-        (count, d) array
-            Inside the ranges [rad, m].
-        """
-        p, column = np.array(coefficients), 0
+    @cached_property
+    def control_bounds(self) -> ControlBounds:
+        """Bounds of the coefficients, by the ranges of the freedoms."""
+        shape, discs = self.coefficients.shape, []
+        lower, upper = np.full(shape, -np.inf), np.full(shape, np.inf)
         for kind in self.kinds:
-            own, (low, high) = p[:, column : column + len(kind.screws)], self.bounds[kind.name]
-            column += len(kind.screws)
+            (low, high), at = self.bounds[kind.name], self._columns[kind.name]
             if kind.round:
-                own /= np.maximum(np.linalg.norm(own, axis=1, keepdims=True) / high, 1.0)
+                discs.append((at.start, high))
             else:
-                np.clip(own, low, high, out=own)
-        return p
+                lower[:, at], upper[:, at] = low, high
+        return ControlBounds(lower, upper, tuple(discs))
 
-    def _copy(self, count: int, coefficients: Array, null_space: NullSpace | None) -> FreePath:
+    def _copy(self, count: int, coefficients: Array, null_space: NullSpace | None) -> Self:
         """Return the path with other coefficients (count, d)."""
-        path = FreePath(
+        path = type(self)(
             self.given, self.bounds, count=count, hold_start=self.hold_start, starts=self.starts, coefficients=coefficients,
             null_space=null_space,
         )  # fmt: skip
@@ -241,25 +234,27 @@ class FreePath(Path):
         rows[:, 0] = self.null_space.rows
         return rows, np.ascontiguousarray(self.spline.basis(s).combine(self.null_space.coefficients))
 
+    def _bounded(self, kind: Freedom, f: Array, change: Array) -> Array:
+        """Return what the range of a freedom bounds (k, ·), of coordinates (k, d) and changes of the null space (k, r)."""
+        if not kind.screws:  # of an elbow: the distance from the initial joint path
+            return change
+        own = f[:, self._columns[kind.name]]
+        return np.linalg.norm(own, axis=1, keepdims=True) if kind.round else own
+
+    @property
+    def _change(self) -> Array:
+        """Coefficients (C, r) of the distance from the initial joint path."""
+        return np.zeros((self.spline.count, 1)) if self.null_space is None else self.null_space.change
+
     @cached_property
     def ranges(self) -> tuple[CoordinateRange, ...]:
         """Range of each coordinate: a spline lies in the convex hull of its coefficients."""
-        found, column = [], 0
+        found = []
         for kind in self.kinds:
             low, high = self.bounds[kind.name]
-            if not kind.screws:  # of an elbow: the distance from the initial joint path
-                change = np.zeros((1, 1)) if self.null_space is None else self.null_space.change
-                ends = [(float(x.min()), float(x.max())) for x in change.T]
-                found += [CoordinateRange(kind.name, kind.unit, (low, high), each) for each in ends]
-                continue
-            c = self.coefficients[:, column : column + len(kind.screws)]
-            column += len(kind.screws)
-            if kind.round:
-                norms = np.linalg.norm(c, axis=1)
-                found.append(CoordinateRange(kind.name, kind.unit, (0.0, high), (0.0, float(norms.max()))))
-                continue
-            for x in c.T:
-                found.append(CoordinateRange(kind.name, kind.unit, (low, high), (float(x.min()), float(x.max()))))
+            for x in self._bounded(kind, self.coefficients, self._change).T:
+                allowed, least = ((0.0, high), 0.0) if kind.round else ((low, high), float(x.min()))
+                found.append(CoordinateRange(kind.name, kind.unit, allowed, (least, float(x.max()))))
         return tuple(found)
 
     def values_of_ranges(self, s: Array) -> Array:
@@ -275,16 +270,8 @@ class FreePath(Path):
         (k, ranges) array
             Coordinates, norms of ``round`` freedoms, and distances of an elbow from the initial joint path [rad, m].
         """
-        basis, q, found, column = self.spline.basis(s), self.coordinates(s)[:, 0], [], 0
-        for kind in self.kinds:
-            if not kind.screws:
-                change = np.zeros((self.spline.count, 1)) if self.null_space is None else self.null_space.change
-                found.append(basis.combine(change)[:, 0])
-                continue
-            own = q[:, column : column + len(kind.screws)]
-            column += len(kind.screws)
-            found.append(np.linalg.norm(own, axis=1, keepdims=True) if kind.round else own)
-        return np.concatenate(found, axis=1)
+        f, change = self.coordinates(s)[:, 0], self.spline.basis(s).combine(self._change)[:, 0]
+        return np.concatenate([self._bounded(kind, f, change) for kind in self.kinds], axis=1)
 
     @property
     def most_deviation(self) -> tuple[float, float]:
@@ -305,10 +292,6 @@ class FreePath(Path):
         poses = np.ascontiguousarray(poses).copy()
         move_along(self.screws, self.coordinates(x), poses, twists, np.empty((x.size, len(self.screws), 4, 6)))
         return twists[:, order - 1] if order else poses
-
-    def derivative_bounds(self) -> Array:
-        """Return bounds (2, 4) on the derivatives of position and rotation."""
-        return np.asarray(self.piece_bounds().max(axis=0))
 
     def piece_bounds(self) -> Array:
         """Return bounds (k − 1, 2, 4) for each piece between breaks, by the product rule over the screws."""
@@ -355,11 +338,8 @@ class FreePath(Path):
         found = {name: read_numbers(pair, (2,), f"bounds.{name}") for name, pair in bounds.items()}
         pairs = {name: (float(pair[0]), float(pair[1])) for name, pair in found.items()}
         path = cls(path_of(given, robot), pairs, count=count, hold_start=held, starts=starts)
-        shape = path.coefficients.shape
-        return cls(
-            path.given, pairs, count=count, hold_start=held, starts=starts,
-            coefficients=read_numbers(coefficients, shape, "coefficients"), null_space=_read_null_space(null, count),
-        )  # fmt: skip
+        points = read_numbers(coefficients, path.coefficients.shape, "coefficients")
+        return path.with_coefficients(points, _read_null_space(null, count))
 
 
 def _read_null_space(data: Any, count: int) -> NullSpace | None:
@@ -428,9 +408,8 @@ def free(
     if not isinstance(path, Path):
         raise InvalidInput("path", repr(path)[:60], "a Path")
     if isinstance(path, FreePath) or type(path).configurations is not Path.configurations:
-        raise InvalidInput(
-            "path", f"a {path.name}", "a path of tool poses without freedoms, such as a Line or a Polyline"
-        )
+        expected = "a path of tool poses without freedoms, such as a Line or a Polyline"
+        raise InvalidInput("path", f"a {path.name}", expected)
     if not freedoms:
         raise InvalidInput("freedoms", "none", "at least one, such as turn=True; or elbow=True beyond six joints")
     bounds: dict[str, Bounds] = {}

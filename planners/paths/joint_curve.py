@@ -14,7 +14,7 @@ from optik.arm.robot import Robot
 from optik.check import real_array
 from optik.errors import InvalidInput
 from optik.types import Array, Indices
-from planners.paths.base import Path, check_arm, fields
+from planners.paths.base import PiecewisePath, check_arm, check_recorded, check_robot, fields
 from planners.paths.joint_bounds import tool_bounds, tool_twists
 from planners.trajectory.curve import evaluate
 
@@ -26,7 +26,7 @@ PIECE_SAMPLES = 4
 """Intervals between samples of each piece for the bounds on derivatives."""
 
 
-class JointCurve(Path):
+class JointCurve(PiecewisePath):
     """Curve of the joints through nodes with given derivatives, of degree 7 between two nodes.
 
     Its derivatives up to the third are continuous. Poses and twists are exact, by forward kinematics.
@@ -61,8 +61,7 @@ class JointCurve(Path):
         self, robot: Robot, s: ArrayLike, q: ArrayLike, derivatives: ArrayLike, *, breaks: ArrayLike | None = None,
         owners: ArrayLike | None = None,
     ) -> None:  # fmt: skip
-        if not isinstance(robot, Robot):
-            raise InvalidInput("robot", repr(robot)[:60], "a Robot")
+        check_robot(robot)
         k, n = np.shape(s)[0] if np.ndim(s) else 0, robot.n
         self.robot, self.s, self.q = robot, _read(s, (k,), "s"), _read(q, (k, n), "q")
         self.derivatives = _read(derivatives, (k, 3, n), "derivatives")
@@ -150,10 +149,6 @@ class JointCurve(Path):
         s[:, -1] = self.s[1:]
         return tool_bounds(self.robot, self._hulls[2], h, tool_twists(self.robot, self.coordinates(s.ravel())))
 
-    def derivative_bounds(self) -> Array:
-        """Return bounds (2, 4): the greatest of all pieces."""
-        return np.asarray(self.node_bounds.max(axis=0))
-
     def piece_bounds(self) -> Array:
         """Return bounds (k − 1, 2, 4) on the derivatives of position and rotation between breaks."""
         return self._greatest_between_breaks(self.node_bounds)
@@ -182,11 +177,7 @@ class JointCurve(Path):
         """Return the path that `to_dict` wrote, for the arm that it belongs to."""
         names = "robot", "fingerprint", "s", "q", "derivatives", "breaks", "owners"
         name, fingerprint, s, q, derivatives, breaks, owners = fields(data, cls.name, *names)
-        if not isinstance(robot, Robot):
-            raise InvalidInput("robot", repr(robot)[:60], f"the arm {name}, because the path is in joint space")
-        if robot.fingerprint != fingerprint:
-            raise InvalidInput("robot", f"{robot!r} ({robot.fingerprint})", f"the arm {name} ({fingerprint})")
-        return cls(robot, s, q, derivatives, breaks=breaks, owners=owners)
+        return cls(check_recorded(robot, name, fingerprint), s, q, derivatives, breaks=breaks, owners=owners)
 
 
 def _read(value: Any, shape: tuple[int, ...], argument: str) -> Array:

@@ -11,11 +11,11 @@ from numpy.typing import ArrayLike
 
 from optik import newton, se3
 from optik.arm.robot import Robot
-from optik.errors import InvalidInput, NoSolution
+from optik.errors import NoSolution
 from optik.ik import solve_ik
 from optik.ik.problem import check_start
 from optik.types import Array
-from planners.paths.base import Path, check_arm, fields
+from planners.paths.base import Path, check_arm, check_recorded, check_robot, fields
 from planners.paths.joint_bounds import tool_bounds, tool_twists
 from planners.trajectory.curve import Curve
 
@@ -66,8 +66,7 @@ class JointLine(Path):
     in_joints = True
 
     def __init__(self, robot: Robot, q_start: ArrayLike, q_goal: ArrayLike) -> None:
-        if not isinstance(robot, Robot):
-            raise InvalidInput("robot", repr(robot)[:60], "a Robot")
+        check_robot(robot)
         self.robot = robot
         self.q_start = check_start(robot, q_start, "q_start").copy()
         self.q_goal = check_start(robot, q_goal, "q_goal").copy()
@@ -107,8 +106,7 @@ class JointLine(Path):
         UnknownName
             No such method.
         """
-        if not isinstance(robot, Robot):
-            raise InvalidInput("robot", repr(robot)[:60], "a Robot")
+        check_robot(robot)
         q = check_start(robot, q_start, "q_start")
         target = se3.nearest_pose(se3.check_pose(pose, "pose"))
         result = solve_ik(robot, target, q, solver, **options)
@@ -177,11 +175,7 @@ class JointLine(Path):
     def from_dict(cls, data: Mapping[str, Any], robot: Robot | None = None) -> Self:
         """Return the path that `to_dict` wrote, for the arm that it belongs to."""
         name, fingerprint, start, goal = fields(data, cls.name, "robot", "fingerprint", "q_start", "q_goal")
-        if not isinstance(robot, Robot):
-            raise InvalidInput("robot", repr(robot)[:60], f"the arm {name}, because the path is in joint space")
-        if robot.fingerprint != fingerprint:
-            raise InvalidInput("robot", f"{robot!r} ({robot.fingerprint})", f"the arm {name} ({fingerprint})")
-        return cls(robot, start, goal)
+        return cls(check_recorded(robot, name, fingerprint), start, goal)
 
 
 METHOD = JointLine

@@ -22,7 +22,7 @@ from optik.ik.base import ToleranceLike
 from optik.ik.problem import check_start
 from optik.tables import Names, read_table, warn_of_assumptions
 from optik.types import Array, Flags
-from planners.paths.base import Path, check_arm, fields
+from planners.paths.base import PiecewisePath, check_arm, check_recorded, check_robot, fields
 from planners.paths.configurations import MISSED, choose_configurations
 from planners.paths.control_curve import SPAN_SAMPLES, ControlCurve, read_breaks
 from planners.paths.joint_bounds import tool_bounds, tool_twists
@@ -75,7 +75,7 @@ class Via(NamedTuple):
     tolerance: Tolerance | None
 
 
-class PointToPoint(Path):
+class PointToPoint(PiecewisePath):
     """Joint path from a configuration to a goal, through via points that are passed without a stop.
 
     q(s) is a B-spline of degree 5. At first it is the straight line in joint space, or the curve through the via points with
@@ -113,8 +113,7 @@ class PointToPoint(Path):
     def __init__(
         self, robot: Robot, q_start: ArrayLike, *points: ViaPoint | ArrayLike, usable: Callable[[Array], Flags] | None = None
     ) -> None:  # fmt: skip
-        if not isinstance(robot, Robot):
-            raise InvalidInput("robot", repr(robot)[:60], "a Robot")
+        check_robot(robot)
         if not points:
             raise InvalidInput("points", "none", "a goal, with via points before it")
         given = [point if isinstance(point, ViaPoint) else ViaPoint(point) for point in points]
@@ -174,8 +173,7 @@ class PointToPoint(Path):
         NoSolution
             A pose that no configuration reaches.
         """
-        if not isinstance(robot, Robot):
-            raise InvalidInput("robot", repr(robot)[:60], "a Robot")
+        check_robot(robot)
         table = read_table(file, columns, ignore)
         start, *points = read_joint_waypoints(robot, table, unit)
 
@@ -204,10 +202,16 @@ class PointToPoint(Path):
         PointToPoint
             The path.
         """
-        path = object.__new__(PointToPoint)
-        path.robot, path.vias, path.spline, path.unit = self.robot, self.vias, self.spline, self.unit
-        path.corners = self.corners
-        path.coefficients = coefficients.copy()
+        return self._build(self.robot, self.spline, coefficients.copy(), self.vias, self.corners)
+
+    @classmethod
+    def _build(
+        cls, robot: Robot, spline: ControlCurve, coefficients: Array, vias: tuple[Via, ...], corners: Array | None
+    ) -> Self:
+        """Return the path of a spline, which is not examined."""
+        path = object.__new__(cls)
+        path.robot, path.unit, path.vias, path.corners = robot, "m" if robot.prismatic.all() else "rad", vias, corners
+        path.spline, path.coefficients = spline, coefficients
         return path
 
     def along(self, legs: Sequence[Array], inner: Array) -> PointToPoint:
@@ -233,12 +237,10 @@ class PointToPoint(Path):
         s = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1)))
         at = s[np.cumsum([len(leg) - 1 for leg in legs])]
         spline = ControlCurve(float(s[-1]), 0, inner)
-        path = object.__new__(PointToPoint)
-        path.robot, path.spline, path.unit, path.corners = self.robot, spline, self.unit, corners
         ends = [leg[-1] for leg in legs[:-1]]
-        path.vias = tuple(via._replace(s=float(x), q=q) for via, x, q in zip(self.vias, at[:-1], ends, strict=True))
-        path.coefficients = np.stack([np.interp(spline.greville, s, x) for x in corners.T], axis=1)
-        return path
+        vias = tuple(via._replace(s=float(x), q=q) for via, x, q in zip(self.vias, at[:-1], ends, strict=True))
+        points = np.stack([np.interp(spline.greville, s, x) for x in corners.T], axis=1)
+        return self._build(self.robot, spline, points, vias, corners)
 
     @property
     def end(self) -> float:
@@ -259,7 +261,7 @@ class PointToPoint(Path):
     def configurations(self, robot: Robot, s: ArrayLike, order: int = 0) -> Array:
         """Return configurations at s, or their derivatives."""
         check_arm(robot, self.robot)
-        return self._joints(np.asarray(s, dtype=np.float64))[:, order]
+        return self.coordinates(np.asarray(s, dtype=np.float64))[:, order]
 
     @property
     def ranges(self) -> tuple[()]:
@@ -279,12 +281,12 @@ class PointToPoint(Path):
         (k, 4, n) array
             Configurations and their first three derivatives in s [rad, m].
         """
-        return self._joints(s)
+        return self.spline.basis(np.clip(s, 0.0, self.end)).combine(self.coefficients)
 
     @property
     def via_errors(self) -> Array:
         """Distance [m] and angle [rad] of the tool from each via point where the path passes it, (k, 2)."""
-        q = self._joints(np.array([via.s for via in self.vias]))[:, 0]
+        q = self.coordinates(np.array([via.s for via in self.vias]))[:, 0]
         poses = np.array([via.pose for via in self.vias]).reshape(-1, 4, 4)
         return np.asarray(np.linalg.norm(se3.error(self.robot.fk(q), poses).reshape(-1, 2, 3), axis=2))
 
@@ -293,24 +295,16 @@ class PointToPoint(Path):
         missed = []
         for via, (position, rotation) in zip(self.vias, self.via_errors, strict=True):
             most = via.tolerance
-            exact = most is None and bool(np.abs(self._joints(np.array([via.s]))[0, 0] - via.q).max() <= MISSED)
+            exact = most is None and bool(np.abs(self.coordinates(np.array([via.s]))[0, 0] - via.q).max() <= MISSED)
             if not exact and (most is None or position > most.position or rotation > most.rotation):
                 missed.append(via)
         return missed
 
-    def _joints(self, s: Array) -> Array:
-        """Return configurations and their first three derivatives (k, 4, n)."""
-        return self.spline.basis(np.clip(s, 0.0, self.end)).combine(self.coefficients)
-
     def _evaluate(self, x: Array, order: int) -> Array:
-        joints = self._joints(x)
+        joints = self.coordinates(x)
         if order == 0:
             return self.robot.fk(np.ascontiguousarray(joints[:, 0]))
         return tool_twists(self.robot, joints)[:, order - 1]
-
-    def derivative_bounds(self) -> Array:
-        """Return bounds (2, 4) on the derivatives of position and rotation."""
-        return np.asarray(self.piece_bounds().max(axis=0))
 
     def piece_bounds(self) -> Array:
         """Return bounds (k − 1, 2, 4) on the derivatives of position and rotation between the knots."""
@@ -319,7 +313,7 @@ class PointToPoint(Path):
         if self._is_straight:
             most = most.max(axis=0, keepdims=True)
         s = breaks[:-1, None] + width[:, None] * np.linspace(0.0, 1.0, SPAN_SAMPLES + 1)
-        return tool_bounds(self.robot, most, width, tool_twists(self.robot, self._joints(s.ravel())))
+        return tool_bounds(self.robot, most, width, tool_twists(self.robot, self.coordinates(s.ravel())))
 
     def joint_bounds(self) -> Array:
         """Return bounds (k − 1, 4, n) on the derivatives of the joints between the knots, from the control points."""
@@ -346,23 +340,17 @@ class PointToPoint(Path):
         """Return the path that `to_dict` wrote, for the arm that it belongs to."""
         names = "robot", "fingerprint", "knots", "coefficients", "vias", "corners"
         name, fingerprint, knots, coefficients, vias, corners = fields(data, cls.name, *names)
-        if not isinstance(robot, Robot):
-            raise InvalidInput("robot", repr(robot)[:60], f"the arm {name}, because the path is in joint space")
-        if robot.fingerprint != fingerprint:
-            raise InvalidInput("robot", f"{robot!r} ({robot.fingerprint})", f"the arm {name} ({fingerprint})")
+        robot = check_recorded(robot, name, fingerprint)
         if not isinstance(vias, list):
             raise InvalidInput("vias", repr(vias)[:60], "a list of vias")
-        path = object.__new__(cls)
-        path.robot, path.spline = robot, ControlCurve.between(read_breaks(knots))
-        path.unit = "m" if robot.prismatic.all() else "rad"
-        path.coefficients = read_numbers(coefficients, (path.spline.count, robot.n), "coefficients")
-        path.vias = tuple(_read_via(via, robot.n) for via in vias)
+        spline, vias = ControlCurve.between(read_breaks(knots)), tuple(_read_via(via, robot.n) for via in vias)
+        coefficients = read_numbers(coefficients, (spline.count, robot.n), "coefficients")
         if corners is not None:
-            path.corners = read_numbers(corners, (len(np.atleast_1d(corners)), robot.n), "corners")
+            corners = read_numbers(corners, (len(np.atleast_1d(corners)), robot.n), "corners")
+        path = cls._build(robot, spline, coefficients, vias, corners)
         if missed := path.list_missed():
-            raise InvalidInput(
-                "coefficients", f"a path that misses the via point at s = {missed[0].s:.6g}", "one that passes it"
-            )
+            got = f"a path that misses the via point at s = {missed[0].s:.6g}"
+            raise InvalidInput("coefficients", got, "one that passes it")
         return path
 
 

@@ -16,7 +16,7 @@ from optik.compiled import compiled
 from optik.errors import InvalidInput
 from optik.tables import Names, read_table, warn_of_assumptions
 from optik.types import Array, Flags, Indices
-from planners.paths.base import Path, fields
+from planners.paths.base import PiecewisePath, fields
 from planners.paths.poses import shortest_turn
 from planners.paths.waypoints import check_waypoints, read_waypoints
 from planners.trajectory.curve import bells
@@ -52,7 +52,7 @@ class Pieces(NamedTuple):
     w2: Array
 
 
-class Polyline(Path):
+class Polyline(PiecewisePath):
     """Straight segments through poses; near each waypoint one segment is blended into the next.
 
     s counts a segment by its chord [m], or by 0.1 m per rad if it turns more than that; in radians if the whole path
@@ -220,10 +220,6 @@ class Polyline(Path):
         after = np.cumsum(self._pieces.corner)
         return np.minimum(kept[after], kept[np.where(self._pieces.corner, after - 1, after)])
 
-    def derivative_bounds(self) -> Array:
-        """Return bounds (2, 4): the greatest of all pieces."""
-        return np.asarray(self.piece_bounds().max(axis=0))
-
     def to_dict(self) -> dict[str, Any]:
         """Return plain data for files."""
         return {
@@ -307,15 +303,12 @@ def _write_twists(pieces: Pieces, piece: Indices, x: Array, order: int, out: Arr
 def _check_tolerances(value: Any, argument: str, unit: str, corners: int) -> Array:
     array = real_array(value, argument, f"a number [{unit}], or one for each of the {corners} inner waypoints")
     if array.ndim and array.shape != (corners,):
-        raise InvalidInput(
-            argument, f"shape {array.shape}", f"a number, or one for each of the {corners} inner waypoints"
-        )
+        allowed = f"a number, or one for each of the {corners} inner waypoints"
+        raise InvalidInput(argument, f"shape {array.shape}", allowed)
     if not ((array > 0.0) & (array < np.inf)).all():
-        raise InvalidInput(
-            argument,
-            np.array2string(array, precision=6, threshold=6),
-            f"finite numbers above 0 [{unit}]; a sharp corner needs a stop, so make each line a part of a `planners.Program`",
-        )
+        stop = "a sharp corner needs a stop, so make each line a part of a `planners.Program`"
+        got = np.array2string(array, precision=6, threshold=6)
+        raise InvalidInput(argument, got, f"finite numbers above 0 [{unit}]; {stop}")
     return np.full(corners, array) if not array.ndim else array.copy()
 
 
@@ -359,11 +352,8 @@ def _check_returns(d: Array, w: Array, kept: list[int]) -> None:
     """Raise InvalidInput for a corner in whose middle the tool stops: its velocity there is half of d₁ + d₂ and w₁ + w₂."""
     back = _find_returns(d, w)
     if back.size:
-        raise InvalidInput(
-            f"waypoints[{kept[back[0] + 1]}]",
-            "a reversal of the path",
-            "a corner without a stop; planners.Program.of(waypoints) stops there",
-        )
+        expected = "a corner without a stop; planners.Program.of(waypoints) stops there"
+        raise InvalidInput(f"waypoints[{kept[back[0] + 1]}]", "a reversal of the path", expected)
 
 
 def _find_returns(d: Array, w: Array) -> Indices:
@@ -376,11 +366,8 @@ def find_reversals(waypoints: Array, blend: float, blend_rotation: float) -> lis
     """Return the indices of the waypoints at which a polyline with these tolerances reverses its direction."""
     poses = check_waypoints(waypoints)
     corners = len(poses) - 2
-    kept, _ = _merge_waypoints(
-        poses,
-        _check_tolerances(blend, "blend", "m", corners),
-        _check_tolerances(blend_rotation, "blend_rotation", "rad", corners),
-    )
+    distance = _check_tolerances(blend, "blend", "m", corners)
+    kept, _ = _merge_waypoints(poses, distance, _check_tolerances(blend_rotation, "blend_rotation", "rad", corners))
     chords, turns, length, _ = _measure_segments(poses[kept], kept)
     return [kept[i + 1] for i in _find_returns(chords / length[:, None], turns / length[:, None])]
 

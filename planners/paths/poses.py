@@ -186,9 +186,8 @@ def _newton(path: PosesAlong, poses: Array, s: Array, low: Array, high: Array) -
 def _cost(path: PosesAlong, poses: Array, s: Array) -> Array:
     at = path.pose(s)
     r = at[:, :3, 3] - poses[:, :3, 3]
-    return np.asarray(
-        np.einsum("ki,ki->k", r, r) + TURN_WEIGHT**2 * (3.0 - np.einsum("kij,kij->k", *_rotations_of(at, poses)))
-    )
+    alike = np.einsum("kij,kij->k", *_rotations_of(at, poses))
+    return np.asarray(np.einsum("ki,ki->k", r, r) + TURN_WEIGHT**2 * (3.0 - alike))
 
 
 def _slope(path: PosesAlong, poses: Array, s: Array) -> tuple[Array, Array]:

@@ -12,13 +12,13 @@ from optik.arm.robot import Robot
 from optik.errors import InvalidInput
 from optik.types import Array, Indices
 from planners.paths import path_of
-from planners.paths.base import Path, fields
+from planners.paths.base import Path, PiecewisePath, fields
 
 SAME_PLACE = 1e-12
 """Fraction of the path's length that is rounding."""
 
 
-class ProgramPath(Path):
+class ProgramPath(PiecewisePath):
     """Paths one after another: the tool stops at the end of each, where its pose, but no derivative, is continuous.
 
     At a change of the tool also the pose jumps, because that of another point counts. s counts on from section to section.
@@ -41,9 +41,8 @@ class ProgramPath(Path):
     def __init__(self, sections: Sequence[Path], robots: Sequence[Robot]) -> None:
         self.sections, self.robots = tuple(sections), tuple(robots)
         if not self.sections or len(self.robots) != len(self.sections):
-            raise InvalidInput(
-                "sections", f"{len(self.sections)}, {len(self.robots)} arms", "at least one, each with its arm"
-            )
+            got = f"{len(self.sections)}, {len(self.robots)} arms"
+            raise InvalidInput("sections", got, "at least one, each with its arm")
         self.starts: Array = np.concatenate([[0.0], np.cumsum([path.end for path in self.sections])])
         counts = [path.segments if path.name == "joint_curve" else 1 for path in self.sections]
         self.firsts: Indices = np.concatenate([[0], np.cumsum(counts)])
@@ -96,10 +95,6 @@ class ProgramPath(Path):
             for path, a, b in parts
         ])  # fmt: skip
 
-    def derivative_bounds(self) -> Array:
-        """Return bounds (2, 4): the greatest of all sections."""
-        return np.asarray(np.max([path.derivative_bounds() for path in self.sections], axis=0))
-
     def piece_bounds(self) -> Array:
         """Return bounds (k − 1, 2, 4) between breaks."""
         return np.concatenate([path.piece_bounds() for path in self.sections])
@@ -119,9 +114,8 @@ class ProgramPath(Path):
         robots = [Robot.from_dict(arm) for arm in arms]
         robots = [robot if arm == robot and robot is not None else arm for arm in robots]
         if len(which) != len(sections) or any(type(i) is not int or not 0 <= i < len(robots) for i in which):
-            raise InvalidInput(
-                "arm", repr(which)[:60], f"the number of an arm for each of the {len(sections)} sections"
-            )
+            expected = f"the number of an arm for each of the {len(sections)} sections"
+            raise InvalidInput("arm", repr(which)[:60], expected)
         each = [robots[i] for i in which]
         return cls([path_of(part, arm) for part, arm in zip(sections, each, strict=True)], each)
 

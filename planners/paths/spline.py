@@ -21,7 +21,7 @@ from optik.ik import Tolerance
 from optik.ik.base import ToleranceLike
 from optik.tables import Names, read_table, warn_of_assumptions
 from optik.types import Array
-from planners.paths.base import Path, fields
+from planners.paths.base import PiecewisePath, fields
 from planners.paths.control_curve import DEGREE, SPAN_SAMPLES, ControlCurve, read_breaks
 from planners.paths.poses import HALF_TURN, divide, make_poses, rotation_derivative_norms, shortest_turn, skew
 from planners.paths.waypoints import check_rotation, check_waypoints, read_waypoints
@@ -108,7 +108,7 @@ class _Fit:
         return A.T @ (A * (0.5 * weights * h ** (1 + power)).reshape(-1, 1))
 
 
-class Spline(Path):
+class Spline(PiecewisePath):
     """A curve with continuous fourth derivatives through points, or near them within a tolerance.
 
     Position and quaternion of the tool are a B-spline of degree 5; the quaternion is normalised. s is nearly the length of
@@ -215,10 +215,6 @@ class Spline(Path):
     def piece_bounds(self) -> Array:
         """Return bounds (pieces, 2, 4) on the derivatives of position and rotation."""
         return self._bounds[0].copy()
-
-    def derivative_bounds(self) -> Array:
-        """Return bounds (2, 4): the greatest of all pieces."""
-        return np.asarray(self._bounds[0].max(axis=0))
 
     @cached_property
     def _bounds(self) -> tuple[Array, Array]:
@@ -343,9 +339,8 @@ def _check_tolerance(tolerance: ToleranceLike | float) -> Array:
     if not isinstance(tolerance, int | float):
         return np.array([*Tolerance.of(tolerance)])
     if tolerance != 0:
-        raise InvalidInput(
-            "tolerance", repr(tolerance), "(metres, radians) above 0, or 0 for a curve through the points"
-        )
+        expected = "(metres, radians) above 0, or 0 for a curve through the points"
+        raise InvalidInput("tolerance", repr(tolerance), expected)
     return np.zeros(2)
 
 
@@ -418,9 +413,8 @@ def _interpolate(values: Array, tolerance: Array) -> _Curve:
     through = values[kept]
     merged = through[np.searchsorted(0.5 * (u[kept][1:] + u[kept][:-1]), u)]
     for row in np.flatnonzero(_angles(values, merged) > max(SAME, tolerance[1]))[:1]:
-        raise InvalidInput(
-            f"points[{row}]", "a turn of the tool at one point", "a point that moves while the tool turns"
-        )
+        expected = "a point that moves while the tool turns"
+        raise InvalidInput(f"points[{row}]", "a turn of the tool at one point", expected)
     for left in reversed(range(REFINEMENTS)):
         at = u[kept]
         knots = ControlCurve.between(at)

@@ -11,10 +11,10 @@ from optik.arm.robot import Robot
 from optik.check import check_number
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners.paths.base import Path, fields
+from planners.paths.base import Path, PiecewisePath, fields
 
 
-class Stretch(Path):
+class Stretch(PiecewisePath):
     """A path of the tool from one path parameter to another.
 
     Parameters
@@ -58,10 +58,6 @@ class Stretch(Path):
 
     def _evaluate(self, x: Array, order: int) -> Array:
         return self.path._evaluate(np.clip(x + self.begin, self.begin, self.until), order)
-
-    def derivative_bounds(self) -> Array:
-        """Return bounds (2, 4) on the derivatives of position and rotation."""
-        return np.asarray(self.piece_bounds().max(axis=0))
 
     def piece_bounds(self) -> Array:
         """Return bounds (k − 1, 2, 4) of the pieces of the whole path."""

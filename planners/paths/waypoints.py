@@ -166,11 +166,11 @@ def _read_poses(table: TextTable, turned: tuple[str, ...], first: Array, robot: 
     return np.stack([se3.pose(R, x) for R, x in zip(_read_rotations(table, turned, values, first), p, strict=True)])
 
 
-def check_rotation(orientation: ArrayLike | None) -> Array:
+def check_rotation(orientation: ArrayLike | None, expected: str = "a rotation (3, 3)") -> Array:
     """Return a rotation (3, 3) of the tool, exact to rounding."""
-    R = real_array(orientation, "orientation", "a rotation (3, 3)")
+    R = real_array(orientation, "orientation", expected)
     if R.shape != (3, 3):
-        raise InvalidInput("orientation", f"shape {R.shape}", "a rotation (3, 3)")
+        raise InvalidInput("orientation", f"shape {R.shape}", expected)
     return se3.nearest_pose(se3.check_pose(se3.pose(R), "orientation"))[:3, :3]
 
 

@@ -328,7 +328,7 @@ LISTED: tuple[tuple[str, str, str], ...] = (
     ("planners/choice/torques.py", "u[3] += 3.0 * u[1]", "u[3] += 2.0 * u[1]"),
     ("planners/choice/columns.py", "3.0 * f * v * a, f * v * v * v", "2.0 * f * v * a, f * v * v * v"),
     ("planners/choice/choose.py", "        if self.held:\n            free[0] = False\n", ""),
-    ("planners/choice/solve.py", "/ radius, 1.0)[:, None]", "/ radius, 0.0)[:, None]"),
+    ("planners/paths/control_curve.py", "/ radius, 1.0)[:, None]", "/ radius, 0.0)[:, None]"),
     ("planners/choice/clearances.py", "base = link[i] if kind == SELF else 0", "base = 0"),
     ("planners/choice/clearances.py", "(moved[k, i] if kind == SELF else 0.0)", "0.0"),
     ("planners/choice/clearances.py", "known[k, p] = room + way", "known[k, p] = room + 2.0 * way"),

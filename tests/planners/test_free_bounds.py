@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from planners.choice.solve import Bounds, _Box
+from planners.choice.solve import _Box
+from planners.paths.control_curve import ControlBounds
 
 MU, DAMPING = 0.01, 1e-6
 FREE = np.array([[True, True, True], [False, True, False], [True, False, True], [False, False, False]])
@@ -12,7 +13,7 @@ FREE = np.array([[True, True, True], [False, True, False], [True, False, True], 
 
 def box(seed: int) -> tuple[_Box, np.ndarray]:
     rng = np.random.default_rng(seed)
-    bounds = Bounds(np.full((4, 3), -0.5), np.full((4, 3), 0.7), ((0, 0.6),))
+    bounds = ControlBounds(np.full((4, 3), -0.5), np.full((4, 3), 0.7), ((0, 0.6),))
     p = rng.uniform(-0.3, 0.3, (4, 3))
     return _Box(bounds, FREE.ravel(), p, MU), p
 

@@ -19,8 +19,9 @@ from optik.ik import make_solver
 from optik.types import Array
 from planners import Line, MotionLimits, Polyline, follow, free, plan
 from planners.choice.choose import Choice
-from planners.choice.solve import Bounds, _Box, _Iteration, solve
+from planners.choice.solve import _Box, _Iteration, solve
 from planners.choice.torques import torque_changes
+from planners.paths.control_curve import ControlBounds
 from planners.paths.free_path import FreePath
 from planners.timing.interior_point import iteration
 from planners.timing.interior_point.newton import back, forth
@@ -505,7 +506,7 @@ def test_coefficients_outside_their_range_are_refused() -> None:
 
 
 def test_a_disc_bounds_the_norm_of_its_coordinates() -> None:
-    bounds = Bounds(np.full((3, 2), -np.inf), np.full((3, 2), np.inf), ((0, 0.5),))
+    bounds = ControlBounds(np.full((3, 2), -np.inf), np.full((3, 2), np.inf), ((0, 0.5),))
     p = np.array([[0.0, 0.0], [0.3, 0.4], [0.6, 0.0]])
     box = _Box(bounds, np.ones(6, np.bool_), p, 0.01)
     np.testing.assert_allclose(box.values(p)[:, 2], [0.0, 1.0, 1.44])

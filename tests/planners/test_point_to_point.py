@@ -274,12 +274,12 @@ def test_a_bound_of_a_piece_is_its_largest_sample_and_what_may_be_between_sample
     robot, rng, sampled = optik.load(name), np.random.default_rng(11), 0
     for _ in range(3):
         path = PointToPoint(robot, *robot.limits.sample(rng, 4))
-        evaluate, seen = PointToPoint._joints, []
+        evaluate, seen = PointToPoint.coordinates, []
         monkeypatch.setattr(
-            PointToPoint, "_joints", lambda self, s, f=evaluate, seen=seen: (seen.append(s), f(self, s))[1]
+            PointToPoint, "coordinates", lambda self, s, f=evaluate, seen=seen: (seen.append(s), f(self, s))[1]
         )
         bounds = path.piece_bounds()
-        monkeypatch.setattr(PointToPoint, "_joints", evaluate)
+        monkeypatch.setattr(PointToPoint, "coordinates", evaluate)
         at, reach = (
             np.unique(np.concatenate([np.ravel(s) for s in seen])),
             reach_bounds(robot, path.spline.derivative_bounds(path.coefficients, 4)),

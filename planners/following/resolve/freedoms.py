@@ -44,7 +44,7 @@ class FreeWay(NamedTuple):
         """Return the coefficients (C, d) of the coordinates, inside their ranges."""
         at = np.linspace(0.0, path.end, SAMPLES_PER_COEFFICIENT * path.spline.count)
         f = scipy.interpolate.make_interp_spline(self.s, self.f, k=min(3, len(self.s) - 1))(at)
-        return path.clip(path.spline.fit(at, f))
+        return path.control_bounds.clip(path.spline.fit(at, f))
 
 
 def can_resolve(path: FreePath) -> bool:
