@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from optik.arm.limits import LIMIT_TOLERANCE
 from optik.arm.robot import Robot
@@ -98,13 +99,17 @@ def _find_starts(robot: Robot, course: Course, pose: Array, near: Array | None) 
     if singular:
         singular_starts = [left.q for left, _ in find_departures(robot, course)]
         found = np.concatenate([found, np.array(singular_starts).reshape(-1, robot.n)])
+    return keep_different(found, SAME_CONFIGURATION, 2.0 * np.pi * ~robot.prismatic)
+
+
+def keep_different(q: Array, apart: float, turn: ArrayLike) -> Array:
+    """Return configurations (k, n) that differ by more than a distance [rad, m], modulo a turn of each joint, or 0."""
     kept: list[Array] = []
-    turn = 2.0 * np.pi * ~robot.prismatic
-    for q in found:
-        apart = (q - known for known in kept)
-        if all(np.abs(d - turn * np.round(d / (2.0 * np.pi))).max() > SAME_CONFIGURATION for d in apart):
-            kept.append(q)
-    return np.array(kept).reshape(-1, robot.n)
+    for x in q:
+        away = (x - known for known in kept)
+        if all(np.abs(d - turn * np.round(d / (2.0 * np.pi))).max() > apart for d in away):
+            kept.append(x)
+    return np.array(kept).reshape(-1, q.shape[1])
 
 
 def _choose_winding(robot: Robot, path: Path, way: FollowedTrack, near: Array | None) -> Branch:
@@ -121,11 +126,8 @@ def _choose_winding(robot: Robot, path: Path, way: FollowedTrack, near: Array | 
     motion = float(np.linalg.norm(np.diff(way.q, axis=0), axis=1).sum())
     q = way.q[0] + turns
     sigma = smallest_singular_values(robot, way.q)
-    cost = (
-        MOTION_WEIGHT * motion
-        + posture
-        - SINGULAR_WEIGHT * float(np.log(np.maximum(sigma.min(), march.SMALLEST_SINGULAR_VALUE)))
-    )
+    regular = float(np.log(np.maximum(sigma.min(), march.SMALLEST_SINGULAR_VALUE)))
+    cost = MOTION_WEIGHT * motion + posture - SINGULAR_WEIGHT * regular
     if near is not None:
         cost += START_WEIGHT * float(np.linalg.norm(q - near))
     return Branch(q, cost, path.end if ended is None else end, ended)

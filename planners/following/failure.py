@@ -178,10 +178,8 @@ def _explain_beyond(
     if result:
         return FollowStatus.SINGULAR, f"{singular}; just beyond, another configuration reaches the path"
     if result.status is IKStatus.OUTSIDE_LIMITS:
-        return (
-            FollowStatus.SINGULAR,
-            f"{singular}; just beyond, the path was reached only with joints outside their limits",
-        )
+        words = f"{singular}; just beyond, the path was reached only with joints outside their limits"
+        return FollowStatus.SINGULAR, words
     return FollowStatus.UNREACHABLE, (
         f"the path leaves the reachable poses at {at}: no configuration was found just beyond, from "
         f"{result.restarts + 1} initial guesses"
@@ -195,9 +193,8 @@ def explain_ik_failure(solver: IKSolver, path: Path, s: float, result: IKResult,
         f"{solver.name} found no configuration at {at} ({result.status}: {1e3 * result.position_error:.3g} mm and "
         f"{np.degrees(result.rotation_error):.3g}° away), where the branch continues; smallest singular value {sigma:.2g}"
     )
-    return PlanFailure(
-        FollowStatus.NO_IK, s, None, reason, f"another method, such as lm; {result.status.advice}", sigma
-    )
+    advice = f"another method, such as lm; {result.status.advice}"
+    return PlanFailure(FollowStatus.NO_IK, s, None, reason, advice, sigma)
 
 
 def explain_branch_jump(solver: IKSolver, path: Path, s: float, step: Array, before: Array) -> PlanFailure:

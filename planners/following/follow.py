@@ -92,10 +92,8 @@ def make_follower(
     if not isinstance(path, Path):
         raise InvalidInput("path", repr(path)[:60], "a Path")
     q, branch = _check_start(solver, path, q_start, branch, samples)
-    grid, collision = (
-        np.linspace(0.0, path.end, samples),
-        None if scene is None else CollisionCheck(solver.robot, scene),
-    )
+    grid = np.linspace(0.0, path.end, samples)
+    collision = None if scene is None else CollisionCheck(solver.robot, scene)
     return Follower(solver, path, grid, q, branch, Tolerance.of(tolerance), collision, time_limit, way)
 
 
@@ -128,9 +126,7 @@ def _check_start(
         off = robot.pose_errors(q, path.pose(0.0))
         distance, angle = float(np.linalg.norm(off[:3])), float(np.linalg.norm(off[3:]))
         if max(distance, angle) > START_TOLERANCE:
-            raise InvalidInput(
-                "q_start",
-                f"the tool {1e3 * distance:.3g} mm and {np.degrees(angle):.3g}° from the path's start",
-                f"a configuration on the path's start (within {1e3 * START_TOLERANCE:g} mm)",
-            )
+            got = f"the tool {1e3 * distance:.3g} mm and {np.degrees(angle):.3g}° from the path's start"
+            expected = f"a configuration on the path's start (within {1e3 * START_TOLERANCE:g} mm)"
+            raise InvalidInput("q_start", got, expected)
     return q, branch

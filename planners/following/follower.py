@@ -99,11 +99,8 @@ class Follower:
             return FollowResult(None, equal)
         given = self.path.configurations(self.robot, self.grid)
         first = given[0] if given is not None else (self.q if self.branch == "start" else None)
-        if (
-            self.collision is not None
-            and first is not None
-            and (failure := self.collision.check_start(first)) is not None
-        ):
+        failure = None if self.collision is None or first is None else self.collision.check_start(first)
+        if failure is not None:
             return FollowResult(None, failure)
         followed = self._follow_poses() if given is None else self._follow_joints(given)
         if self.collision is None or not followed or followed.joint_path is None:
@@ -145,9 +142,8 @@ class Follower:
         if s <= path.end:
             good, name = int(np.searchsorted(knots, s)), robot.joint_names[i]
             low, high = robot.limits.lower[i], robot.limits.upper[i]
-            reason = (
-                f"{name} leaves its range [{low:.6g}, {high:.6g}] {joint_unit(robot, i)} at {format_position(path, s)}"
-            )
+            span = f"[{low:.6g}, {high:.6g}] {joint_unit(robot, i)}"
+            reason = f"{name} leaves its range {span} at {format_position(path, s)}"
             advice = "a path in joint space inside the limits"
             failure = PlanFailure(FollowStatus.OUTSIDE_LIMITS, s, name, reason, advice)
         if good < 2:
@@ -159,19 +155,16 @@ class Follower:
 
     def _follow_poses(self) -> FollowResult:
         """Return the joint path of a Cartesian path, by the number of joints and the choice of branch."""
-        robot = self.robot
+        robot, path = self.robot, self.path
         failure = find_rank_failure(robot)
         if failure is not None:
             return FollowResult(None, failure)
-        path = self.path
+        guide = make_empty_guide(robot.n) if robot.n <= 6 else None
         if robot.n > 6 and self.branch == "start" and isinstance(path, FreePath) and path.null_space is not None:
-            assert self.q is not None
-            course = Course(path, path.guide)  # the null-space motion is chosen
-            nodes = course.nodes(course.spread(self.grid, self.tolerance))
-            return self._finish(course, track(robot, course, nodes, self.q, self.tolerance), self.q)
-        if robot.n > 6:
+            guide = path.guide  # the null-space motion is chosen
+        if guide is None:
             return self._choose_null_space_motion()
-        course = Course(self.path, make_empty_guide(robot.n))
+        course = Course(path, guide)
         nodes = course.nodes(course.spread(self.grid, self.tolerance))
         if self.branch == "start":
             assert self.q is not None
@@ -287,9 +280,8 @@ class Follower:
                 elif (redundant and away > march.LARGEST_STEP) or not (
                     free or _is_same(robot, target, result.q, tracked[i])
                 ):
-                    failure = explain_branch_jump(
-                        solver, self.path, float(samples[i]), result.q - tracked[i], tracked[max(i - 1, 0)]
-                    )
+                    step, before = result.q - tracked[i], tracked[max(i - 1, 0)]
+                    failure = explain_branch_jump(solver, self.path, float(samples[i]), step, before)
                 if failure is not None:
                     break
             results.append(result)
@@ -302,11 +294,9 @@ class Follower:
     def _find_advice(self, failure: PlanFailure) -> str:
         """Return a remedy as advice; each one is tried before it is given."""
         robot, path = self.robot, self.path
-        shorter = (
-            f"a path that ends before {format_position(path, failure.s)}"
-            if failure.s > 0.0
-            else "another start configuration or path"
-        )
+        shorter = "another start configuration or path"
+        if failure.s > 0.0:
+            shorter = f"a path that ends before {format_position(path, failure.s)}"
         if self.branch == "best":
             return f"{shorter}: no other branch goes farther" if robot.n <= 6 else shorter
         if robot.n > 6:
@@ -316,9 +306,8 @@ class Follower:
         ways = find_branches(robot, path)
         if ways and ways[0].ended is None:
             start = _format(robot, ways[0].q)
-            return (
-                f'branch="best", which reaches the end of the path from the start configuration {start}; or {shorter}'
-            )
+            best = f'branch="best", which reaches the end of the path from the start configuration {start}'
+            return f"{best}; or {shorter}"
         farther = ways and ways[0].s > failure.s + 1e-3 * path.end
         best = f'branch="best", which goes to {format_position(path, ways[0].s)}; or ' if farther else ""
         return f"{best}{shorter}: no branch reaches the end of the path"

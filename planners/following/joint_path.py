@@ -277,10 +277,8 @@ class Course:
             if parts.sum() > MOST_INSERTED:
                 parts = np.minimum(parts, 16)
             u = np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)
-            s, step = (
-                np.append(np.repeat(s[:-1], parts) + np.repeat(gap / parts, parts) * u, s[-1]),
-                np.repeat(step, parts),
-            )
+            s = np.append(np.repeat(s[:-1], parts) + np.repeat(gap / parts, parts) * u, s[-1])
+            step = np.repeat(step, parts)
             gap = np.diff(s)
         if gap.min() >= LEAST_SPACING:
             return s

@@ -65,7 +65,7 @@ def find_null_space_motions(
         q = first[0]
     sampler = Sampler(robot, robot, path, collision, max(time_limit, LEAST_TIME))
     for many in (True,) if held else (False, True) if time_limit > 0.0 else (False,):
-        found, done = resolve(sampler, path, many=many, count=CHOICES, start=q if held else None, near=q)
+        found, done = resolve(sampler, path, q, held=held, many=many, count=CHOICES)
         if made is not None:
             made.append(done)
         motions = (
@@ -86,23 +86,25 @@ class NullSpaceMotion:
         self, robot: Robot, path: Path, s: Array, way: Array, *, held: bool, rooms: Rooms | None = None, smooth: bool = True,
     ) -> None:  # fmt: skip
         self.robot, self.path, self.held, self.rooms = robot, path, held, rooms
-        self.chain = robot.chain
-        self.middle = robot.limits.middle
-        self.half = np.where(robot.limits.bounded, robot.limits.half, np.inf)  # a locked joint has no range
+        half = np.where(robot.limits.bounded, robot.limits.half, np.inf)  # a locked joint has no range
+        self.chain, self.ranges = robot.chain, (robot.limits.middle, half)
         self.first: Array = np.linalg.svd(robot.jacobian(way[0]))[2][6:].T.copy()
         self.s, self.way, self.keep_off = s[: len(way)], way, BARRIER_WEIGHT
         self._continue(s[len(way) :])
         if smooth:
             self._smooth()
-        else:
-            self.N: Array = np.empty((*self.way.shape, self.first.shape[1]))
-            smoothing.find_null_spaces(self.chain, self.way, self.first, self.N)
 
     @property
     def start(self) -> Array:
         """Configuration (n,) at the start of the path [rad, m]."""
-        start: Array = self.way[0]
-        return start
+        return np.asarray(self.way[0])
+
+    @property
+    def N(self) -> Array:
+        """Bases (k, n, d) of the null spaces at the configurations, each near the one before."""
+        N = np.empty((*self.way.shape, self.first.shape[1]))
+        smoothing.find_null_spaces(self.chain, self.way, self.first, N)
+        return N
 
     @property
     def length(self) -> float:
@@ -119,7 +121,7 @@ class NullSpaceMotion:
             at = np.array([self.s[-1], *ahead])
             way = np.repeat(self.way[-1:], len(at), axis=0)
             poses, N = np.ascontiguousarray(self.path.pose(at)), self.first.copy()
-            good = smoothing.continue_stations(self.chain, self.middle, self.half, poses, at / self.path.end, N, way)
+            good = smoothing.continue_stations(self.chain, *self.ranges, poses, at / self.path.end, N, way)
             self.s, self.way = np.append(self.s, at[1:good]), np.concatenate([self.way, way[1:good]])
             ahead = ahead[good - 1 :]
             if ahead:
@@ -128,20 +130,10 @@ class NullSpaceMotion:
                 ahead.insert(0, 0.5 * (self.s[-1] + ahead[0]))
 
     def _smooth(self) -> None:
-        poses = np.ascontiguousarray(self.path.pose(self.s))
-        self.N = np.empty((*self.way.shape, self.first.shape[1]))
+        poses, N = np.ascontiguousarray(self.path.pose(self.s)), np.empty((*self.way.shape, self.first.shape[1]))
         fractions, before = self.s / self.path.end, self.way
         self.way = np.array(before, order="C")
-        smoothing.smooth(
-            self.chain,
-            (self.middle, self.half),
-            (poses, fractions),
-            self.first,
-            self.keep_off,
-            self.held,
-            self.way,
-            self.N,
-        )
+        smoothing.smooth(self.chain, self.ranges, (poses, fractions), self.first, self.keep_off, self.held, self.way, N)
         if self.rooms is not None and self.rooms(self.way).min() <= 0.0 < self.rooms(before).min():
             self._retreat(before, poses, self.rooms)
 
@@ -152,7 +144,6 @@ class NullSpaceMotion:
             self.way = before + fraction * (smoothed - before)
             if _project(self.robot, poses, self.way).all() and rooms(self.way).min() > 0.0:
                 break
-        smoothing.find_null_spaces(self.chain, self.way, self.first, self.N)
 
     def refine(self, s: float, limit: bool) -> bool:
         """Insert stations near s, where following failed, and smooth the motion again; return False if it cannot be refined."""
@@ -174,7 +165,7 @@ class NullSpaceMotion:
         return True
 
     def guide(self) -> Guide:
-        """Return the guide through the configurations; behind the last one it is constant."""
+        """Return the guide through the configurations and the null spaces there; behind the last one it is constant."""
         return _build_guide(self.s, self.way, np.swapaxes(self.N, 1, 2))
 
 

@@ -61,13 +61,9 @@ class FollowedTrack(NamedTuple):
 
 
 def track(
-    robot: Robot,
-    course: Course,
-    nodes: Nodes,
-    q_start: Array,
-    tolerance: Tolerance,
+    robot: Robot, course: Course, nodes: Nodes, q_start: Array, tolerance: Tolerance,
     limits: tuple[Array, Array] | None = None,
-) -> FollowedTrack:
+) -> FollowedTrack:  # fmt: skip
     """Track the branch of a configuration along a path."""
     if limits is None:
         limits = robot.limits.lower, robot.limits.upper
@@ -171,11 +167,8 @@ class _Tracker:
             self.chain, self.slack, (*nodes,), self.allowed, self.least, q, dq, singular
         )
         self._keep(nodes.s[1:good], q[1:good], dq[1:good])
-        if (
-            self.least < march.REGULAR
-            and good > 1
-            and smallest_singular_value(self.robot, q[good - 1]) >= march.REGULAR
-        ):
+        near_singular = self.least < march.REGULAR and good > 1
+        if near_singular and smallest_singular_value(self.robot, q[good - 1]) >= march.REGULAR:
             self.least = march.REGULAR
         i = good - 1
         if code == march.DONE:

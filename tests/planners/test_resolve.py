@@ -107,7 +107,7 @@ class Given(Sampler):
     def __init__(self, layers: list[Array], costs: list[Array]) -> None:
         robot = optik.load("ur5e")
         super().__init__(robot, robot, Line(robot.fk(layers[0][0]), optik.se3.pose(p=[0.4, 0.1, 0.5])), None, 60.0)
-        self.given = iter([Layer(q, np.ones(len(q)), c, np.zeros(len(q))) for q, c in zip(layers, costs, strict=True)])
+        self.given = iter([Layer(q, c, np.zeros(len(q))) for q, c in zip(layers, costs, strict=True)])
 
     def draw(self, poses: Array, count: int) -> list[Array]:
         return [np.empty((0, 6))] * len(poses)
@@ -128,7 +128,7 @@ def test_the_cheapest_sequence_is_that_of_enumeration(seed: int, cuts: int) -> N
     costs = [rng.uniform(0.0, 1.0, N) for _ in range(K)]
     sampler = Given(layers, costs)
     path = Line(sampler.arm.fk(layers[0][0]), optik.se3.pose(p=[0.4, 0.1, 0.5]))
-    graph = Graph(sampler, path, np.linspace(0.0, path.end, K), 1, np.zeros(6))
+    graph = Graph(sampler, path, np.linspace(0.0, path.end, K), 1, held=True)
     stuck = graph._solve(cuts)
 
     def cost(rows: tuple[int, ...]) -> tuple[int, float]:
@@ -178,11 +178,11 @@ def test_the_cheapest_sequence_is_that_of_enumeration(seed: int, cuts: int) -> N
 def test_an_edge_stays_forbidden_where_layers_grow() -> None:
     sampler = Given([np.full((1, 6), 0.1), np.full((1, 6), 0.3)], [np.zeros(1)] * 2)
     path = Line(sampler.arm.fk(np.full(6, 0.1)), optik.se3.pose(p=[0.4, 0.1, 0.5]))
-    graph = Graph(sampler, path, np.array([0.0, path.end]), 1, np.zeros(6))
+    graph = Graph(sampler, path, np.array([0.0, path.end]), 1, held=True)
     graph._forbid([(1, 0, 0)])
     assert graph._solve(0) == 1
     for k in (0, 1):  # as an inserted layer does to its neighbours
-        graph.layers[k] = join(graph.layers[k], Layer(np.full((2, 6), 0.5), np.ones(2), np.ones(2), np.zeros(2)))
+        graph.layers[k] = join(graph.layers[k], Layer(np.full((2, 6), 0.5), np.ones(2), np.zeros(2)))
     assert graph._solve(0) is None
     assert graph.before[1][0] > 0
 
@@ -211,7 +211,7 @@ def test_an_edge_that_passes_an_obstacle_is_not_followed(monkeypatch: pytest.Mon
     layers = [np.zeros((1, 6)), np.full((1, 6), 0.4)]
     sampler = Given(layers, [np.zeros(1), np.zeros(1)])
     path = Line(sampler.arm.fk(layers[0][0]), optik.se3.pose(p=[0.4, 0.1, 0.5]))
-    graph = Graph(sampler, path, np.array([0.0, path.end]), 1, np.zeros(6))
+    graph = Graph(sampler, path, np.array([0.0, path.end]), 1, held=True)
     assert graph._check([(0, 0), (1, 0)]) == []
     monkeypatch.setattr(sampler, "rooms", lambda q: np.where(np.abs(q[:, 0] - 0.2) < 0.01, -1.0, 1.0))
     assert graph._check([(0, 0), (1, 0)]) == [(1, 0, 0)]
@@ -287,7 +287,7 @@ def test_a_held_start_keeps_its_windings() -> None:
         turned = goal.copy()
         turned[:3, :3] = turned[:3, :3] @ Rotation.from_euler("z", 1.4).as_matrix()
         sampler = Sampler(robot, robot, Line(robot.fk(q), turned), None, 10.0)
-        found, made = resolve(sampler, Line(robot.fk(q), turned), many=False, start=q)
+        found, made = resolve(sampler, Line(robot.fk(q), turned), q, held=True, many=False)
         if made.stuck is None:
             solved += 1
             np.testing.assert_allclose(found[0][0].q[0], q, atol=1e-12)

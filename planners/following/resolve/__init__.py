@@ -88,16 +88,15 @@ def spread_layers(path: Path, least: int, most: int) -> Array:
 
 
 def resolve(
-    sampler: Sampler, path: Path, *, many: bool, count: int = 1, cuts: int = 0, start: Array | None = None,
-    near: Array | None = None,
-) -> tuple[list[list[Sequence]], Resolution]:  # fmt: skip
+    sampler: Sampler, path: Path, near: Array | None, *, held: bool, many: bool, count: int = 1, cuts: int = 0
+) -> tuple[list[list[Sequence]], Resolution]:
     """Return up to so many sequences along a path, the cheapest first, and how they were found; shorter ones if none goes on.
 
-    The first configuration is a start (n,), if one is given, or one that is preferred near another.
+    The first configuration is preferred near a given one (n,), or is this one if it is held.
     """
     begun = perf_counter()
     s = spread_layers(path, *(MANY if many else FEW))
-    graph = Graph(sampler, path, s, MANY_DRAWS if many else FEW_DRAWS, start, near)
+    graph = Graph(sampler, path, s, MANY_DRAWS if many else FEW_DRAWS, near, held=held)
     found, stuck = graph.find(count, cuts, FINEST * path.end if many else np.inf)
     nodes = sum(len(layer.q) for layer in graph.layers)
     at = tuple(float(part.s[0]) for part in found[0][1:]) if found and stuck is None else ()

@@ -60,14 +60,10 @@ def columns_of(
     robot: Robot, freedoms: tuple[tuple[Freedom, Bounds], ...]
 ) -> tuple[Indices, tuple[tuple[int, float], ...]]:
     """Return the joints of the extended arm in the order of the coordinates, and the discs: first joint of two, and radius."""
-    counts = [len(kind.screws) for kind, _ in freedoms]
-    total = sum(counts)
-    discs = [
-        (robot.n + total - before - count, high)
-        for (kind, (_, high)), before, count in zip(freedoms, np.cumsum([0, *counts]).tolist(), counts, strict=False)
-        if kind.round
-    ]
-    return robot.n + np.arange(total)[::-1], tuple(discs)
+    ends = np.cumsum([0, *(len(kind.screws) for kind, _ in freedoms)]).tolist()
+    n = robot.n + ends[-1]
+    discs = [(n - end, high) for (kind, (_, high)), end in zip(freedoms, ends[1:], strict=True) if kind.round]
+    return n - 1 - np.arange(ends[-1]), tuple(discs)
 
 
 def _joint_frame(screw: Array) -> tuple[Array, bool]:

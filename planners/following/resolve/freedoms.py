@@ -84,8 +84,7 @@ class Resolver:
         if q is not None:
             start = np.append(q, np.zeros(self.arm.n - self.n))
             start[self._columns] = self.path.coefficients[0] if isinstance(self.path, FreePath) else 0.0
-        first = start if held else None
-        found, made = resolve(self.sampler, self.given, many=many, count=count, cuts=cuts, start=first, near=start)
+        found, made = resolve(self.sampler, self.given, start, held=held, many=many, count=count, cuts=cuts)
         self._held = held
         return found if made.stuck is None else [], made
 

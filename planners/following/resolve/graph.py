@@ -90,22 +90,22 @@ class Graph:
         Positions of the layers.
     draws : int
         Random guesses for each layer.
-    start : (n,) array, optional
-        The only configuration of the first layer.
     near : (n,) array, optional
         A configuration near which the first one is preferred.
+    held : bool
+        Whether it is the only configuration of the first layer.
     """
 
     def __init__(
-        self, sampler: Sampler, path: Path, s: Array, draws: int, start: Array | None = None, near: Array | None = None
+        self, sampler: Sampler, path: Path, s: Array, draws: int, near: Array | None = None, *, held: bool = False
     ) -> None:
-        self.sampler, self.path, self.s, self.draws, self.start, self.near = sampler, path, s, draws, start, near
+        self.sampler, self.path, self.s, self.draws, self.near, self.held = sampler, path, s, draws, near, held
         self.poses = np.ascontiguousarray(path.pose(s))
         drawn = sampler.draw(self.poses, draws)
-        if start is not None:
-            drawn[0] = sampler.wind(start[None])
+        if held and near is not None:
+            drawn[0] = sampler.wind(near[None])
         self.layers = [sampler.judge(q) for q in drawn]
-        for _ in range(0 if start is not None else MOST_START_ROUNDS):
+        for _ in range(0 if held else MOST_START_ROUNDS):
             if len(self.layers[0].q) >= FEWEST_STARTS:
                 break
             self.layers[0] = join(self.layers[0], sampler.judge(sampler.draw(self.poses[:1], draws)[0]))
@@ -115,7 +115,6 @@ class Graph:
         self.costs: list[Array] = []
         self.before: list[Indices] = []
         self.cut: list[Indices] = []
-        self.held = start is not None
         if sampler.redundant:
             ahead = [(k - 1, k, True) for k in range(1, len(s))]
             for a, b, spread in ahead + [(k + 1, k, False) for k in range(len(s) - 2, int(self.held) - 1, -1)]:
@@ -145,7 +144,7 @@ class Graph:
 
     def _find_edges(self, a: int, costs: Array, b: int, forbidden: Flags) -> tuple[Array, Indices]:
         """Return the costs of layer b by the best edges from layer a, and their first ends; −1 without one."""
-        (layer, _, _, side), (q, _, _, sides), sampler = self.layers[a], self.layers[b], self.sampler
+        (layer, _, side), (q, _, sides), sampler = self.layers[a], self.layers[b], self.sampler
         spread = np.where(sampler.circle, -1.0, layer.std(axis=0)) if len(layer) else np.zeros(1)
         j = int(np.argmax(spread))  # of sorted rows only a window can be near
         order = np.argsort(layer[:, j]) if spread[j] >= 0.0 else np.arange(len(layer))
@@ -252,7 +251,9 @@ class Graph:
     def sequence(self, part: list[tuple[int, int]]) -> Sequence:
         """Return the configurations of a sequence, without jumps of a turn."""
         q = np.array([self.layers[k].q[i] for k, i in part])
-        return Sequence(self.s[[k for k, _ in part]], self.sampler.unwind(q, None if part[0][0] else self.start))
+        return Sequence(
+            self.s[[k for k, _ in part]], self.sampler.unwind(q, self.near if self.held and part[0][0] == 0 else None)
+        )
 
     def _forbid(self, edges: list[tuple[int, int, int]]) -> None:
         """Forbid edges, and those that are nearly the same."""

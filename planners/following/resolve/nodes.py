@@ -13,6 +13,7 @@ from optik import newton
 from optik.arm.robot import Robot
 from optik.ik import make_solver
 from optik.types import Array, Flags
+from planners.following.branches import keep_different
 from planners.following.collision import CollisionCheck
 from planners.following.joint_path import smallest_singular_values
 from planners.following.smoothing import BARRIER_WEIGHT, LOG_EDGE, STATION_REACHED
@@ -34,13 +35,12 @@ SAME_ROOT = 1e-5
 
 
 class Layer(NamedTuple):
-    """Configurations (k, n) of one pose, on the circle [rad, m], their rooms (k,) [m], costs (k,), and sides (k,).
+    """Configurations (k, n) of one pose, on the circle [rad, m], their costs (k,), and sides (k,).
 
     The side is the sign of the determinant of an arm of six joints: it changes only through a singular configuration.
     """
 
     q: Array
-    rooms: Array
     costs: Array
     sides: Array
 
@@ -75,9 +75,8 @@ class Sampler:
         poses = path.pose(SEED_STATIONS * path.end).round(6) + 0.0
         self.rng = np.random.default_rng([int(arm.fingerprint, 16), zlib.crc32(poses.tobytes())])
         self.circle: Flags = ~arm.prismatic & (limits.upper - limits.lower > CIRCLE_RANGE)
-        self._low, self._high = (
-            np.where(self.circle, x, y) for x, y in ((-np.pi, limits.lower), (np.pi, limits.upper))
-        )
+        self._low = np.where(self.circle | np.isinf(limits.lower), -np.pi, limits.lower)
+        self._high = np.where(self.circle | np.isinf(limits.upper), np.pi, limits.upper)
         speed = np.full(arm.n, np.inf) if limits.velocity is None else limits.velocity
         known, real = np.isfinite(speed), np.arange(arm.n) < own.n
         self.slowness: Array = np.where(known, 1.0 / np.where(known, speed, 1.0), 0.0)
@@ -124,10 +123,7 @@ class Sampler:
 
     def draw(self, poses: Array, count: int) -> list[Array]:
         """Return configurations of each pose (k, 4, 4) from so many random guesses."""
-        n = self.arm.n
-        low = np.where(np.isfinite(self._low), self._low, -np.pi)
-        high = np.where(np.isfinite(self._high), self._high, np.pi)
-        starts = low + (high - low) * self.rng.random((len(poses) * count, n))
+        starts = self._low + (self._high - self._low) * self.rng.random((len(poses) * count, self.arm.n))
         targets = np.repeat(poses, count, axis=0)
         found = self._solver.solve_batch(targets, starts, threads=1)
         solved = np.flatnonzero(found.solved)
@@ -135,7 +131,7 @@ class Sampler:
         own = solved // count
         q, own = self.wind(q[ok]), own[ok]
         layers = [q[own == k] for k in range(len(poses))]
-        return layers if self.redundant else [_make_unique(layer) for layer in layers]
+        return layers if self.redundant else [keep_different(layer, SAME_ROOT, 0.0) for layer in layers]
 
     def project(self, q: Array, poses: Array, steps: int = 8) -> tuple[Array, Flags]:
         """Return configurations moved onto poses by steps of least norm, and which of them arrive and are allowed."""
@@ -152,9 +148,8 @@ class Sampler:
         for _ in range(3):
             J, e = self.arm.jacobian(q), self.arm.pose_errors(q, poses)
             JW = J * W
-            q += np.einsum(
-                "kij,ki->kj", JW, np.linalg.solve(JW @ np.swapaxes(J, 1, 2) + 1e-12 * np.eye(6), e[..., None])[..., 0]
-            )
+            y = np.linalg.solve(JW @ np.swapaxes(J, 1, 2) + 1e-12 * np.eye(6), e[..., None])[..., 0]
+            q += np.einsum("kij,ki->kj", JW, y)
         return self.project(q, poses, 3)
 
     def judge(self, q: Array) -> Layer:
@@ -165,19 +160,10 @@ class Sampler:
         x = np.minimum(np.abs(self.arm.limits.normalise(q)), LOG_EDGE)
         x = np.where(self.circle, 0.0, x)
         cost = -BARRIER_WEIGHT * np.log(1.0 - x**2).sum(axis=1) - SINGULAR_WEIGHT * np.log(np.maximum(sigma, 1e-9))
-        return Layer(q, room, cost + ROOM_WEIGHT * np.exp(-np.maximum(room, 0.0) / NEAR_ROOM), sides)
+        return Layer(q, cost + ROOM_WEIGHT * np.exp(-np.maximum(room, 0.0) / NEAR_ROOM), sides)
 
     def regularity(self, q: Array) -> tuple[Array, Array]:
         """Return the smallest singular values (k,) of the arm without freedoms, which follows the path, and the sides (k,)."""
         own = np.ascontiguousarray(q[:, : self._own.n])
         sides = np.sign(np.linalg.det(self._own.jacobian(own))) if self._own.n == 6 else np.zeros(len(q))
         return smallest_singular_values(self._own, own), sides
-
-
-def _make_unique(q: Array) -> Array:
-    """Return configurations (k, n) without repetitions."""
-    kept: list[Array] = []
-    for x in q:
-        if all(np.abs(x - y).max() > SAME_ROOT for y in kept):
-            kept.append(x)
-    return np.array(kept).reshape(-1, q.shape[1])

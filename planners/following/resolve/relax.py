@@ -31,10 +31,10 @@ def relax(sampler: Sampler, path: Path, given: Sequence, *, held: bool, caution:
     """
     s, q, limits = given.s, given.q.copy(), sampler.arm.limits
     (sigma, sides), regular = sampler.regularity(q), REGULAR * (1 + caution)
-    poses, rooms, step, K = np.ascontiguousarray(path.pose(s)), sampler.rooms(q), np.ones(len(q)), len(q)
+    poses, step, K = np.ascontiguousarray(path.pose(s)), np.ones(len(q)), len(q)
     pad = INSIDE * (1 + caution) * np.where(limits.bounded, limits.half, 0.0)
     push, wanted = LIMITS_PUSH * 3.0**caution, WANTED_ROOM * (1 + caution)
-    floor = np.minimum(KEPT_ROOM * rooms, wanted)
+    floor = np.minimum(KEPT_ROOM * sampler.rooms(q), wanted)
 
     def outside(x: Array) -> Array:
         return np.maximum(np.maximum(limits.lower + pad - x, x - limits.upper + pad), 0.0)
@@ -56,7 +56,7 @@ def relax(sampler: Sampler, path: Path, given: Sequence, *, held: bool, caution:
             sigma_on, sides_on = sampler.regularity(on)
             ok &= (sides_on == sides[k]) & (sigma_on >= np.minimum(sigma[k], regular))
             moved = max(moved, float(np.abs(on[ok] - q[k][ok]).max(initial=0.0)))
-            q[k[ok]], rooms[k[ok]], sigma[k[ok]] = on[ok], room[ok], sigma_on[ok]
+            q[k[ok]], sigma[k[ok]] = on[ok], sigma_on[ok]
             step[k] = np.where(ok, np.minimum(1.0, LONGER * step[k]), SHORTER * step[k])
         if moved < MOVED:
             break
