@@ -36,6 +36,8 @@ LEAST_INERTIA = 1e-6
 LEAST_P_DAMPING, FIRST_DAMPING, MOST_DAMPING = 1e-6, 1e-3, 1e6
 """Curvature that is added in each coefficient [1/rad²], since some do not change the motion: the least, the least after a step
 that was too long, and the most."""
+SIGN = np.array([1.0, -1.0])[:, None, None]
+"""Signs of the upper and of the lower limit of a value."""
 
 
 class FreeSolution(NamedTuple):
@@ -60,8 +62,7 @@ class _Box:
             self.factor = np.where(bounded, 2.0 / np.where(bounded, width, 1.0), 0.0)
             self.middle = np.where(bounded, 0.5 * (bounds.upper + bounds.lower), 0.0)
         self.c = self.values(p)
-        sign = np.array([1.0, -1.0])[:, None, None]
-        self.slack = np.maximum(1.0 - sign * self.c, 1e-2)
+        self.slack = np.maximum(1.0 - SIGN * self.c, 1e-2)
         self.dual = mu / self.slack
         rows = np.asarray(self.free.any(axis=1))[:, None]
         self.active = np.concatenate([bounded, np.repeat(rows, len(self.discs), axis=1)], axis=1)
@@ -97,8 +98,7 @@ class _Box:
         dc = np.concatenate([dp * self.factor, np.zeros((len(p), len(self.discs)))], axis=1)
         for at, (d, radius) in enumerate(self.discs, D):
             dc[:, at] = 2.0 * (p[:, d] * dp[:, d] + p[:, d + 1] * dp[:, d + 1]) / radius**2
-        sign = np.array([1.0, -1.0])[:, None, None]
-        self.dslack = np.where(self.active, 1.0 - sign * (self.c + dc) - self.slack, 0.0)
+        self.dslack = np.where(self.active, 1.0 - SIGN * (self.c + dc) - self.slack, 0.0)
         self.ddual = np.where(self.active, (mu - self.dual * self.dslack) / self.slack - self.dual, 0.0)
         lengths = []
         for x, dx in ((self.slack, self.dslack), (self.dual, self.ddual)):
@@ -108,14 +108,12 @@ class _Box:
 
     def merit(self, c: Array, slack: Array, mu: float) -> tuple[float, float]:
         """Return the barrier's part of the objective, and of the residuals."""
-        sign = np.array([1.0, -1.0])[:, None, None]
         objective = -mu * float(np.where(self.active, np.log(slack), 0.0).sum())
-        return objective, float(np.where(self.active, np.abs(sign * c + slack - 1.0), 0.0).sum())
+        return objective, float(np.where(self.active, np.abs(SIGN * c + slack - 1.0), 0.0).sum())
 
     def accept(self, c: Array, alpha: float, dual: float) -> None:
         """Move slacks and multipliers."""
-        sign = np.array([1.0, -1.0])[:, None, None]
-        self.c, self.slack = c, np.maximum(self.slack + alpha * self.dslack, 1.0 - sign * c)
+        self.c, self.slack = c, np.maximum(self.slack + alpha * self.dslack, 1.0 - SIGN * c)
         self.dual = self.dual + dual * self.ddual
 
 

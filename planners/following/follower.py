@@ -198,7 +198,7 @@ class Follower:
             for _ in range(MOST_REFINEMENTS):
                 course = Course(self.path, motion.guide())
                 nodes = course.nodes(course.spread(self.grid, self.tolerance))
-                way = track(robot, course, nodes, motion.start, self.tolerance)
+                way = track(robot, course, nodes, motion.way[0], self.tolerance)
                 rank = float(way.s[-1]), rooms is None or bool(rooms(way.q[:1])[0] > 0.0)
                 if best is None or rank > best[0]:
                     best = rank, way, course

@@ -95,11 +95,6 @@ class NullSpaceMotion:
             self._smooth()
 
     @property
-    def start(self) -> Array:
-        """Configuration (n,) at the start of the path [rad, m]."""
-        return np.asarray(self.way[0])
-
-    @property
     def N(self) -> Array:
         """Bases (k, n, d) of the null spaces at the configurations, each near the one before."""
         N = np.empty((*self.way.shape, self.first.shape[1]))
@@ -166,36 +161,31 @@ class NullSpaceMotion:
 
     def guide(self) -> Guide:
         """Return the guide through the configurations and the null spaces there; behind the last one it is constant."""
-        return _build_guide(self.s, self.way, np.swapaxes(self.N, 1, 2))
+        s, N = self.s, self.N
+        k, n, d = N.shape
+        both = np.concatenate([np.swapaxes(N, 1, 2).reshape(k, d * n), self.way], axis=1)
+        spline = scipy.interpolate.make_interp_spline(s, both, k=min(5, k - 1)) if k > 1 else None
+
+        def guide(at: Array) -> tuple[Array, Array]:
+            orders = np.zeros((at.size, 4, (d + 1) * n))
+            inside = at <= s[-1]
+            orders[~inside, 0] = both[-1]
+            if spline is None:
+                orders[:, 0] = both[0]
+            else:
+                for order in range(min(4, spline.k + 1)):
+                    orders[inside, order] = spline(at[inside], order)
+            rows, g = orders[:, :, : d * n].reshape(at.size, 4, d, n), orders[:, :, d * n :]
+            values = np.zeros((at.size, 4, d))
+            for order, terms in enumerate(((1,), (1, 1), (1, 2, 1), (1, 3, 3, 1))):  # Leibniz
+                for j, weight in enumerate(terms):
+                    values[:, order] += weight * np.einsum("kdn,kn->kd", rows[:, order - j], g[:, j])
+            return np.ascontiguousarray(rows), values
+
+        return guide
 
 
 def _project(robot: Robot, poses: Array, q: Array) -> Flags:
     """Project configurations (k, n), in place, onto poses (k, 4, 4) by minimum-norm steps; return which of them converge."""
     newton.polish_batch(robot.chain, q, poses, 12)
     return np.asarray(np.abs(robot.pose_errors(q, poses)).max(axis=1) < STATION_REACHED)
-
-
-def _build_guide(s: Array, way: Array, directions: Array) -> Guide:
-    """Return the guide through configurations (k, n) and null-space bases (k, d, n) at stations s (k,)."""
-    k, d, n = directions.shape
-    W = directions.reshape(k, d * n)
-    both = np.concatenate([W, way], axis=1)
-    spline = scipy.interpolate.make_interp_spline(s, both, k=min(5, k - 1)) if k > 1 else None
-
-    def guide(at: Array) -> tuple[Array, Array]:
-        orders = np.zeros((at.size, 4, (d + 1) * n))
-        inside = at <= s[-1]
-        orders[~inside, 0] = both[-1]
-        if spline is None:
-            orders[:, 0] = both[0]
-        else:
-            for order in range(min(4, spline.k + 1)):
-                orders[inside, order] = spline(at[inside], order)
-        rows, g = orders[:, :, : d * n].reshape(at.size, 4, d, n), orders[:, :, d * n :]
-        values = np.zeros((at.size, 4, d))
-        for order, terms in enumerate(((1,), (1, 1), (1, 2, 1), (1, 3, 3, 1))):  # Leibniz
-            for j, weight in enumerate(terms):
-                values[:, order] += weight * np.einsum("kdn,kn->kd", rows[:, order - j], g[:, j])
-        return np.ascontiguousarray(rows), values
-
-    return guide

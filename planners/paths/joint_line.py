@@ -111,11 +111,9 @@ class JointLine(Path):
         target = se3.nearest_pose(se3.check_pose(pose, "pose"))
         result = solve_ik(robot, target, q, solver, **options)
         if not result:
-            raise NoSolution(
-                f"{solver} found no configuration for the pose ({result.status}: {1e3 * result.position_error:.3g} mm "
-                f"and {np.degrees(result.rotation_error):.3g}° away)",
-                advice="another pose, or a q_start nearer to it",
-            )
+            away = f"{1e3 * result.position_error:.3g} mm and {np.degrees(result.rotation_error):.3g}° away"
+            reason = f"{solver} found no configuration for the pose ({result.status}: {away})"
+            raise NoSolution(reason, advice="another pose, or a q_start nearer to it")
         exact = np.ascontiguousarray(result.q[None]).copy()
         newton.polish_batch(robot.chain, exact, target[None], 6)
         # at a singular configuration, rounding in the last Newton step may move the joints far

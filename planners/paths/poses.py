@@ -23,12 +23,9 @@ def shortest_turn(start: Array, goal: Array, argument: str) -> Array:
     turn = se3.log_so3(goal[:3, :3] @ start[:3, :3].T)
     angle = float(np.linalg.norm(turn))
     if angle > pi - HALF_TURN:
-        raise InvalidInput(
-            argument,
-            f"a turn of {degrees(angle):.6f}°, which is equally short in both directions",
-            "a turn of less than 180° from the previous pose: add a pose between the two (Polyline), give the axis "
-            "(Arc.about), or turn 0.001 rad less",
-        )
+        got = f"a turn of {degrees(angle):.6f}°, which is equally short in both directions"
+        ways = "add a pose between the two (Polyline), give the axis (Arc.about), or turn 0.001 rad less"
+        raise InvalidInput(argument, got, f"a turn of less than 180° from the previous pose: {ways}")
     return turn
 
 
