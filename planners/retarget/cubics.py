@@ -104,38 +104,32 @@ def integrate(T: Array, jerk: Array, state: Array, goal: Array, c: Array) -> Non
             q += h * (v + h * (0.5 * a + h * j / 6.0))
             v += h * (a + 0.5 * h * j)
             a += h * j
-        if sweep < 2:
-            miss = np.where(np.isnan(goal), 0.0, goal - np.array([q, v, a]))
-            miss[0] = 0.0 if abs(miss[0]) <= SAME_PLACE * max(1.0, abs(q)) else miss[0]
-            _correct(T, jerk, miss)
+        if sweep < 2 and goal[1] == goal[1]:
+            _correct(T, jerk, goal[0] - q, goal[1] - v, goal[2] - a, SAME_PLACE * max(1.0, abs(q)))
 
 
 @parallel
-def _correct(T: Array, jerk: Array, miss: Array) -> None:
-    """Change jerks (N,) by the least amount that changes the final position, velocity and acceleration by `miss` (3,)."""
+def _correct(T: Array, jerk: Array, m0: float, m1: float, m2: float, same: float) -> None:
+    """Change jerks (N,) by the least amount that adds m0, m1 and m2 to the final position, velocity and acceleration.
+
+    The position is free if m0 is NaN or at most `same`. The amount is Σ h δ² over the pieces, so that δ = Rᵀ y / h with
+    (R diag(1/h) Rᵀ) y = m, where row i of R is the effect of the jerks on the final derivative of order i.
+    """
     N, end = T.size - 1, T[-1]
-    G, rows = np.zeros((3, 4)), np.empty((3, N))
-    G[:, 3] = miss
+    g00, g01, g02, g11, g12, g22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(N):
         h, left = T[i + 1] - T[i], end - T[i + 1]
-        rows[0, i], rows[1, i], rows[2, i] = (
-            h**3 / 6.0 + left * h * h / 2.0 + left * left * h / 2.0,
-            h * h / 2.0 + left * h,
-            h,
-        )
-        for a in range(3):
-            for b in range(3):
-                G[a, b] += rows[a, i] * rows[b, i] / h
-    for i in range(3):  # a positive definite matrix needs no pivots
-        for k in range(i + 1, 3):
-            factor = G[k, i] / G[i, i]
-            for j in range(i, 4):
-                G[k, j] -= factor * G[i, j]
-    y2 = G[2, 3] / G[2, 2]
-    y1 = (G[1, 3] - G[1, 2] * y2) / G[1, 1]
-    y0 = (G[0, 3] - G[0, 2] * y2 - G[0, 1] * y1) / G[0, 0]
+        r0, r1 = h * h / 6.0 + 0.5 * left * (h + left), 0.5 * h + left  # over h
+        g00, g01, g02 = g00 + h * r0 * r0, g01 + h * r0 * r1, g02 + h * r0
+        g11, g12, g22 = g11 + h * r1 * r1, g12 + h * r1, g22 + h
+    b11, b01, b00 = g11 - g12 * g12 / g22, g01 - g02 * g12 / g22, g00 - g02 * g02 / g22
+    n1 = m1 - m2 * g12 / g22
+    y0 = (m0 - m2 * g02 / g22 - n1 * b01 / b11) / (b00 - b01 * b01 / b11) if abs(m0) > same else 0.0
+    y1 = (n1 - b01 * y0) / b11
+    y2 = (m2 - g12 * y1 - g02 * y0) / g22
     for i in range(N):
-        jerk[i] += (rows[0, i] * y0 + rows[1, i] * y1 + rows[2, i] * y2) / (T[i + 1] - T[i])
+        h, left = T[i + 1] - T[i], end - T[i + 1]
+        jerk[i] += (h * h / 6.0 + 0.5 * left * (h + left)) * y0 + (0.5 * h + left) * y1 + y2
 
 
 @parallel

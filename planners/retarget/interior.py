@@ -303,13 +303,15 @@ def minimise(spline: tuple[Array, Array], H: Array, g: Array, limits: Array, c: 
     for k in range(4):
         box[0, k] = 0.5 * (limits[k, 0] + limits[k, 1]) if limits[k, 1] < np.inf else 0.0
         box[1, k] = 2.0 / (limits[k, 1] - limits[k, 0])
-    c[3:] = 0.0
+    for i in range(3, size):
+        c[i] = 0.0
     _gradient(H, g, c, 1.0, gradient)
     _fold_matrix(H, fold)
     if not _regularise(fold, 1e-13):
         return -1
     _solve(fold, gradient, dc)
-    c += dc
+    for i in range(3, size):
+        c[i] += dc[i]
     make_rows(f, c, W[ROWS])
     if not _begin(W, box):
         return 0
@@ -321,7 +323,9 @@ def minimise(spline: tuple[Array, Array], H: Array, g: Array, limits: Array, c: 
         _add_transposed(f, W[NET], gradient)
         if mean < GAP and infeasible < INFEASIBLE and (mean < NO_GAP or _largest(gradient) < GRADIENT):
             return step
-        F[:] = scale * H
+        for d in range(4):
+            for i in range(size):
+                F[d, i] = scale * H[d, i]
         add_weighted(A, W[WEIGHT], F)
         _fold_matrix(F, fold)
         if not _regularise(fold, 1e-14):
@@ -329,7 +333,8 @@ def minimise(spline: tuple[Array, Array], H: Array, g: Array, limits: Array, c: 
         target, primal, dual = 0.0, 1.0, 1.0
         for phase in range(2):
             _aim(W, box, target)
-            right[:] = gradient
+            for i in range(size):
+                right[i] = gradient[i]
             _add_transposed(f, W[ROWS], right)
             _solve(fold, right, dc)
             make_rows(f, dc, W[ROWS])

@@ -108,10 +108,11 @@ class Stream(Iterator[Setpoint]):
 
     def _first(self, start: Any) -> JointCubics | Trajectory:
         """Return the first motion: rest at joints, or a motion that already runs."""
-        if isinstance(start, Retargeted):
-            return start.curve
-        if hasattr(start, "trajectory"):
-            return get_target(start).trajectory  # type: ignore[no-any-return]
+        if isinstance(start, Retargeted) or hasattr(start, "trajectory"):
+            curve = start.curve if isinstance(start, Retargeted) else start.trajectory
+            if (n := curve(0.0).size) != self.robot.n:
+                raise InvalidInput("start", f"a motion of {n} joints", f"{self.robot.n}, of {self.robot.name}")
+            return curve
         expected = f"a motion, or {self.robot.n} finite joint values inside the ranges"
         q = real_array(start, "start", expected)
         if q.shape != (self.robot.n,) or not np.isfinite(q).all() or not self.robot.limits.contains(q):
@@ -211,8 +212,8 @@ class Stream(Iterator[Setpoint]):
     def _join(self, t: float) -> Retargeted | None:
         """Return the motion that begins now, if one does; a result that came after its instant is dropped."""
         if self._work is not None and self._work[0].done():
-            (found, seconds), at = self._work[0].result(), self._work[1]
-            self._work = None
+            (work, at), self._work = self._work, None
+            found, seconds = work.result()
             if t > at + 0.5 / self.rate and self._realtime:
                 self._late += 1
                 self._cpu.append(seconds)

@@ -97,10 +97,14 @@ def track(state: Array, limits: Array, when: Array, target: Array, longest: floa
     n, ramp, end, last = state.shape[1], 0.0, 0.0, when.size - 1
     for j in range(n):
         v, a = max(limits[j, 1, 1], -limits[j, 1, 0]), min(limits[j, 2, 1], -limits[j, 2, 0])
-        own = a / min(limits[j, 3, 1], -limits[j, 3, 0])
+        jmax = min(limits[j, 3, 1], -limits[j, 3, 0])
+        own, flat = a / jmax, abs(state[2, j]) / jmax
         ramp = max(ramp, own)
-        away = abs(target[last, j] - state[0, j]) / min(limits[j, 1, 1], -limits[j, 1, 0])
-        end = max(end, max(when[last], away + v / a + own) + ROOM * (v / a + own))
+        fast = state[1, j] + 0.5 * flat * state[2, j]  # when the acceleration is 0
+        stop = abs(fast) / a + own
+        away = abs(target[last, j] - state[0, j] - flat * state[1, j] - 0.5 * stop * fast)
+        reach = flat + stop + away / min(limits[j, 1, 1], -limits[j, 1, 0])
+        end = max(end, max(when[last], reach) + ROOM * (v / a + own))
     first, growth = min(0.3 * ramp, FIRST_INTERVAL[1], longest), GROWTH[0] if ramp < FIRST_INTERVAL[1] else GROWTH[1]
     first = max(first, min(FIRST_INTERVAL[0], longest))
     most = int(end / longest) + SHORTER_INTERVALS
@@ -112,7 +116,8 @@ def track(state: Array, limits: Array, when: Array, target: Array, longest: floa
     rest = np.array([np.nan, 0.0, 0.0])
     usual, samples = False, 0  # whether the spline is that of a joint without a ramp
     for j in range(n):
-        x0[:] = state[:, j]
+        for i in range(3):
+            x0[i] = state[i, j]
         r = ramp_of(x0[1], x0[2], limits[j])
         lead = 1 if r > 0.0 else 0
         knots[j, 0] = 0.0
@@ -138,7 +143,8 @@ def track(state: Array, limits: Array, when: Array, target: Array, longest: floa
                     g[at[i] + a] -= w[i] * B[i, a] * target[min(i, last), j]
         if minimise((f, A), H, g, limits[j], control[:size], W) < 0:
             return j, knots, count, c
-        jerk[:N] = W[ROWS, 3, :N]
+        for i in range(N):
+            jerk[i] = W[ROWS, 3, i]
         integrate(T, jerk[:N], x0, rest, c[j, :, lead:])
     return -1, knots, count, c
 
@@ -156,7 +162,8 @@ def _ramp(x: Array, r: float, c: Array) -> None:
 def _list_instants(T: Array, when: Array, longest: float, t: Array, w: Array) -> int:
     """Write the instants of the targets and of the hold after them, with their weights; return their number."""
     k = when.size
-    t[:k], w[:k] = when, 0.5 * longest
+    for i in range(k):
+        t[i], w[i] = when[i], 0.5 * longest
     for i in range(T.size):
         if T[i] > when[-1] + 0.25 * longest:
             t[k], w[k] = T[i], HOLD * longest

@@ -9,8 +9,8 @@ import numpy as np
 from optik.types import Array, Flags
 from planners.retarget.cubics import SAME_TIME, JointCubics, join_phases
 
-INSIDE = 1e-9
-"""Distance [rad, m] to the end of a range at which a jogged joint stops."""
+INSIDE = 2e-8
+"""Distance [rad, m] to the end of a range at which a jogged joint stops: above what Ruckig's goals are off by."""
 
 
 class Transfer:
@@ -24,18 +24,16 @@ class Transfer:
         jerk = np.minimum(limits[:, 3, 1], -limits[:, 3, 0])
         self._sides = [*(limits[:, i, side].tolist() for i in (1, 2) for side in (0, 1)), jerk.tolist()]
 
-    def to_state(
-        self, state: Array, goal: Array, most: Array | None = None, together: bool = True
-    ) -> JointCubics | None:
-        """Return the motion from a state (3, n) to a goal (3, n), with joints that end together or each at once.
-
-        `most` (2, n) are other limits on the velocity, lower and upper.
-        """
-        answer = self.find(state, goal, most, together)
+    def to_state(self, state: Array, goal: Array) -> JointCubics | None:
+        """Return the motion from a state (3, n) to a goal (3, n), whose joints end together."""
+        answer = self.find(state, goal)
         return None if answer is None else join(state, goal, [_phases(answer)])
 
     def find(self, state: Array, goal: Array, most: Array | None = None, together: bool = True) -> Any:
-        """Return Ruckig's trajectory from a state to a goal, or None; see `to_state`."""
+        """Return Ruckig's trajectory from a state to a goal, or None; its joints end together, or each at once.
+
+        `most` (2, n) are other limits on the velocity, lower and upper.
+        """
         problem = self._problem(state, goal)
         if most is not None:
             problem.min_velocity, problem.max_velocity = most[0].tolist(), most[1].tolist()
@@ -72,8 +70,9 @@ class Transfer:
         goal[0] = np.clip(goal[0], low, high)
         most = np.where(outside, np.maximum(np.abs(target[1]), 1e-3), np.inf)
         limit = np.clip(np.stack([-most, most]), self._limits[:, 1, 0], self._limits[:, 1, 1])
-        other = self.to_state(state, goal, limit, together=False)
-        return None if other is None else _choose(outside, other, motion)
+        answer = self.find(state, goal, limit, together=False)
+        goal[0] = np.nan  # to end exactly there would take a jerk beyond the limit
+        return None if answer is None else _choose(outside, join(state, goal, [_phases(answer)]), motion)
 
     def _problem(self, state: Array, goal: Array) -> Any:
         problem = self._ruckig.InputParameter(self.n)

@@ -152,7 +152,8 @@ def test_the_command_streams_a_file(tmp_path):
 @pytest.mark.parametrize(
     ("more", "words"),
     [(["--on", "nothing"], "--on"), (["--rate", "0"], "--rate"), (["--latency", "-1"], "--latency"),
-     (["--pace", "0"], "--pace"), (["--out", "a.txt"], "--out"), (["--jerk", "-1"], "--jerk"), (["--tolerance", "0"], "--tolerance")],
+     (["--pace", "0"], "--pace"), (["--out", "a.txt"], "--out"), (["--jerk", "-1"], "--jerk"),
+     (["--tolerance", "0"], "--tolerance")],
 )  # fmt: skip
 def test_a_mistyped_option_is_named_in_one_line(tmp_path, more, words):
     file = tmp_path / "chunks.csv"
