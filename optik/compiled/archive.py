@@ -23,7 +23,7 @@ ARCHIVE_FORMAT = "optik kernels 2"
 """Format of an archive: the first words of the file."""
 SMALL_BLOCKS = 6
 """zlib's memLevel: shorter blocks fit machine code better; the default of 8 makes the archive 0.5 % larger."""
-LARGE = 100_000
+LARGE = 30_000
 """Size [bytes] above which a kernel is compressed by LZMA: 12 % smaller, and 20 to 30 ms for each megabyte to read."""
 XZ = b"\xfd7zXZ\x00"
 """First bytes of LZMA's format."""

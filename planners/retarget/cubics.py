@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 import scipy
 
-from optik.compiled import parallel
+from optik.compiled import inlined, parallel
 from optik.types import Array, Indices
 from planners.trajectory import Trajectory
 from planners.trajectory.curve import Curve
@@ -44,7 +44,7 @@ def evaluate_cubics(knots: Array, count: Indices, c: Array, x: Array, order: int
                 out[k, j] = 6.0 * a
 
 
-@parallel
+@inlined
 def _widen(order: int, j: int, value: float, t: float, out: Array) -> None:
     """Widen the extrema out (4, 4, n): least, greatest, and their times, by order."""
     if value < out[order, 0, j]:
@@ -87,7 +87,7 @@ def cubic_extrema(knots: Array, count: Indices, c: Array, out: Array, jump: Arra
                 jump[order] = max(jump[order], abs(end[order] - after[order]))
 
 
-@parallel
+@inlined
 def integrate(T: Array, jerk: Array, state: Array, goal: Array, c: Array) -> None:
     """Write the cubics c (4, N), highest power first, of jerks over breakpoints T, from a state (3,) to a goal (3,).
 
@@ -108,7 +108,7 @@ def integrate(T: Array, jerk: Array, state: Array, goal: Array, c: Array) -> Non
             _correct(T, jerk, goal[0] - q, goal[1] - v, goal[2] - a, SAME_PLACE * max(1.0, abs(q)))
 
 
-@parallel
+@inlined
 def _correct(T: Array, jerk: Array, m0: float, m1: float, m2: float, same: float) -> None:
     """Change jerks (N,) by the least amount that adds m0, m1 and m2 to the final position, velocity and acceleration.
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from optik.compiled import parallel
+from optik.compiled import inlined
 from optik.types import Array
 
 MOST_STEPS = 60
@@ -30,7 +30,7 @@ first direction, directions of slacks and of multipliers, values of rows,
 weights in the normal matrix, and differences of multipliers."""
 
 
-@parallel
+@inlined
 def make_factors(T: Array, f: Array) -> None:
     """Write the factors f (3, N + 3) of the differences of a spline with breakpoints T (N + 1,) [s]: 1/s each."""
     N = T.size - 1
@@ -42,7 +42,7 @@ def make_factors(T: Array, f: Array) -> None:
             f[2, i] = 1.0 / (T[i + 1] - T[i])
 
 
-@parallel
+@inlined
 def make_rows(f: Array, c: Array, x: Array) -> None:
     """Write control points, velocities, accelerations and jerks x (4, N + 3) of control points c (N + 3,)."""
     N = c.size - 3
@@ -56,7 +56,7 @@ def make_rows(f: Array, c: Array, x: Array) -> None:
         x[3, i] = (x[2, i + 1] - x[2, i]) * f[2, i]
 
 
-@parallel
+@inlined
 def _add_transposed(f: Array, w: Array, g: Array) -> None:
     """Add the transposed rows times w (4, N + 3), which is overwritten, to g (N + 3,)."""
     N = g.size - 3
@@ -75,7 +75,7 @@ def _add_transposed(f: Array, w: Array, g: Array) -> None:
     g[N + 2] += w[0, N + 2]
 
 
-@parallel
+@inlined
 def make_stencils(f: Array, A: Array) -> None:
     """Write the coefficients A (9, N + 3) of the rows over control points: two of v_i, three of a_i, four of j_i."""
     N = f.shape[1] - 3
@@ -88,7 +88,7 @@ def make_stencils(f: Array, A: Array) -> None:
         A[7, i], A[8, i] = f[2, i] * (A[3, i + 1] - A[4, i]), f[2, i] * A[4, i + 1]
 
 
-@parallel
+@inlined
 def add_weighted(A: Array, w: Array, F: Array) -> None:
     """Add Aᵀ diag(w) A to the bands F (4, N + 3) of a matrix over control points; row weights w (4, N + 3)."""
     size = F.shape[1]
@@ -102,7 +102,7 @@ def add_weighted(A: Array, w: Array, F: Array) -> None:
                     F[a - b, i + a] += w[kind, i] * A[at + a, i] * A[at + b, i]
 
 
-@parallel
+@inlined
 def _fold_matrix(F: Array, M: Array) -> None:
     """Write the bands M (4, N − 2) over the unknowns from those over control points: the last three are one unknown."""
     N = F.shape[1] - 3
@@ -116,7 +116,7 @@ def _fold_matrix(F: Array, M: Array) -> None:
     M[2, last] += F[3, N + 1]
 
 
-@parallel
+@inlined
 def _factor(M: Array) -> bool:
     """Factor a banded matrix in place, M = L D Lᵀ: bands of L, and 1 / D in the first row; False if it is not positive."""
     for i in range(M.shape[1]):
@@ -142,7 +142,7 @@ def _factor(M: Array) -> bool:
     return True
 
 
-@parallel
+@inlined
 def _solve(M: Array, g: Array, c: Array) -> None:
     """Write the solution for a gradient g (N + 3,) over control points into c (N + 3,), whose first three become 0."""
     Y = M.shape[1]
@@ -169,7 +169,7 @@ def _solve(M: Array, g: Array, c: Array) -> None:
     c[N + 1], c[N + 2] = c[N], c[N]
 
 
-@parallel
+@inlined
 def _gradient(H: Array, g: Array, c: Array, scale: float, out: Array) -> None:
     """Write scale (H c + g) for the bands H (4, N + 3)."""
     size = c.size
@@ -183,7 +183,7 @@ def _gradient(H: Array, g: Array, c: Array, scale: float, out: Array) -> None:
         out[i] *= scale
 
 
-@parallel
+@inlined
 def _largest(g: Array) -> float:
     """Return the largest absolute gradient (N + 3,) over the unknowns."""
     N = g.size - 3
@@ -193,7 +193,7 @@ def _largest(g: Array) -> float:
     return most
 
 
-@parallel
+@inlined
 def _regularise(M: Array, part: float) -> bool:
     """Add a part of its largest entry to the diagonal of a matrix and factor it; False if it is not positive definite."""
     most = 0.0
@@ -204,7 +204,7 @@ def _regularise(M: Array, part: float) -> bool:
     return _factor(M)
 
 
-@parallel
+@inlined
 def _begin(W: Array, box: Array) -> bool:
     """Write the first slacks and multipliers; return whether a row exceeds its limit."""
     exceeded, N = False, W.shape[2] - 3
@@ -217,7 +217,7 @@ def _begin(W: Array, box: Array) -> bool:
     return exceeded
 
 
-@parallel
+@inlined
 def _prepare(W: Array, box: Array) -> tuple[float, float]:
     """Write residuals, inverse slacks and weights; return the sum of complementarities and the largest residual."""
     gap, infeasible, N = 0.0, 0.0, W.shape[2] - 3
@@ -235,7 +235,7 @@ def _prepare(W: Array, box: Array) -> tuple[float, float]:
     return gap, infeasible
 
 
-@parallel
+@inlined
 def _aim(W: Array, box: Array, target: float) -> None:
     """Write the right-hand sides of the rows for a complementarity."""
     N = W.shape[2] - 3
@@ -247,7 +247,7 @@ def _aim(W: Array, box: Array, target: float) -> None:
             W[ROWS, k, i] = (upper - lower) * box[1, k]
 
 
-@parallel
+@inlined
 def _direct(W: Array, box: Array, target: float) -> tuple[float, float]:
     """Write the directions of slacks and multipliers from those of the rows; return the longest steps, at most 1."""
     primal, dual, N = 1.0, 1.0, W.shape[2] - 3
@@ -263,7 +263,7 @@ def _direct(W: Array, box: Array, target: float) -> tuple[float, float]:
     return 1.0 / primal, 1.0 / dual
 
 
-@parallel
+@inlined
 def _predict(W: Array, primal: float, dual: float) -> float:
     """Write the products of the first direction; return the sum of complementarities after its steps."""
     after, N = 0.0, W.shape[2] - 3
@@ -275,7 +275,7 @@ def _predict(W: Array, primal: float, dual: float) -> float:
     return after
 
 
-@parallel
+@inlined
 def _advance(W: Array, primal: float, dual: float) -> None:
     """Take the steps."""
     N = W.shape[2] - 3
@@ -287,7 +287,7 @@ def _advance(W: Array, primal: float, dual: float) -> None:
             W[L2, k, i] += dual * W[M2, k, i]
 
 
-@parallel
+@inlined
 def minimise(spline: tuple[Array, Array], H: Array, g: Array, limits: Array, c: Array, W: Array) -> int:
     """Minimise ½ cᵀ H c + gᵀ c over the control points c[3:], with all rows within the limits.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from optik.compiled import parallel
+from optik.compiled import inlined, parallel
 from optik.types import Array
 from planners.retarget.reference import evaluate_reference
 
@@ -27,7 +27,7 @@ def sample_reference(c: Array, h: float, s: Array, R: Array) -> None:
         evaluate_reference(c, h, s[i], R[i])
 
 
-@parallel
+@inlined
 def _bracket(row: Array, x: float, low: float, high: float) -> tuple[float, float]:
     """Return the interval of s̈ in [low, high] that a row (4,) over s̈, ṡ², ṡ, 1 allows at ṡ² = x; empty if low > high."""
     rest = row[1] * x + row[2] * np.sqrt(x) + row[3]

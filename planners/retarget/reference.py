@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from optik.compiled import parallel
+from optik.compiled import inlined, parallel
 from optik.types import Array
 
 MOST_SPANS = 1000
@@ -26,7 +26,7 @@ ROUNDING = 1e-12
 """Smallest eigenvalue of the normal equations, in units of one sample: fewer points than coefficients leave them singular."""
 
 
-@parallel
+@inlined
 def evaluate_reference(c: Array, h: float, s: float, out: Array) -> None:
     """Write r and its derivatives at s: c (k, n), interval h [s], out (at most 4, n) [rad/s^i, m/s^i]."""
     k = min(max(int(s / h), 0), c.shape[0] - 6)
@@ -43,7 +43,7 @@ def evaluate_reference(c: Array, h: float, s: float, out: Array) -> None:
         scale /= h
 
 
-@parallel
+@inlined
 def _normal_equations(P: Array, B: Array, R: Array) -> int:
     """Write the bands B (6, k) of BᵀB and the right-hand sides R (k, n) = BᵀP of points P (m, n); return the spans."""
     m: int = P.shape[0]
@@ -66,7 +66,7 @@ def _normal_equations(P: Array, B: Array, R: Array) -> int:
     return spans
 
 
-@parallel
+@inlined
 def _solve(B: Array, penalty: float, L: Array, c: Array) -> None:
     """Solve (BᵀB + penalty D₃ᵀD₃) c = R in place by a banded LDLᵀ factor: bands (6, k), work L (6, k), c (k, n)."""
     size, n = c.shape

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from optik.compiled import parallel
+from optik.compiled import inlined, parallel
 from optik.types import Array, Indices
 from planners.retarget.cubics import integrate
 from planners.retarget.interior import ROWS, add_weighted, make_factors, make_stencils, minimise
@@ -27,7 +27,7 @@ FIRST_INTERVAL, GROWTH = (2e-3, 0.02), (1.6, 1.2)
 follow each other, if that time is below the largest first interval, or not."""
 
 
-@parallel
+@inlined
 def lay_grid(begin: float, end: float, first: float, growth: float, longest: float, T: Array) -> int:
     """Write breakpoints T from `begin` to `end` or later [s], whose distances grow to `longest`; return their number."""
     T[0], k, h = begin, 0, first
@@ -38,7 +38,7 @@ def lay_grid(begin: float, end: float, first: float, growth: float, longest: flo
     return k + 1
 
 
-@parallel
+@inlined
 def ramp_of(v: float, a: float, limits: Array) -> float:
     """Return the duration [s] of the largest jerk that ends an acceleration near the limit of the velocity, or 0."""
     if a == 0.0:
@@ -49,7 +49,7 @@ def ramp_of(v: float, a: float, limits: Array) -> float:
     return r if room < TIGHT * (limits[1, 1] - limits[1, 0]) else 0.0
 
 
-@parallel
+@inlined
 def _basis(T: Array, x: float, b: Array) -> int:
     """Write the four cubic B-splines b (4,) at x over breakpoints T (N + 1,); return the index of the first one."""
     N = T.size - 1
@@ -66,7 +66,7 @@ def _basis(T: Array, x: float, b: Array) -> int:
     return k
 
 
-@parallel
+@inlined
 def make_objective(T: Array, when: Array, weight: Array, A: Array, H: Array, B: Array, at: Indices) -> None:
     """Write the bands H (4, N + 3) of the objective, and the basis B (k, 4) and its first indices at the instants.
 
@@ -149,7 +149,7 @@ def track(state: Array, limits: Array, when: Array, target: Array, longest: floa
     return -1, knots, count, c
 
 
-@parallel
+@inlined
 def _ramp(x: Array, r: float, c: Array) -> None:
     """Write the first cubic, which ends the acceleration of a state x (3,) in r [s]; x becomes the state after it."""
     q, v, a = x[0], x[1], x[2]
@@ -158,7 +158,7 @@ def _ramp(x: Array, r: float, c: Array) -> None:
     x[0], x[1], x[2] = q + r * (v + r * (0.5 * a + r * jerk / 6.0)), v + 0.5 * r * a, 0.0
 
 
-@parallel
+@inlined
 def _list_instants(T: Array, when: Array, longest: float, t: Array, w: Array) -> int:
     """Write the instants of the targets and of the hold after them, with their weights; return their number."""
     k = when.size
