@@ -1,32 +1,30 @@
 """Archive of kernels compiled in advance: one file for a platform and a version of Python, in the package's own folder.
 
 The first line contains the format, the length of the index and its SHA-256. The index (JSON) contains the versions and target
-of the compiler, and the name, length and SHA-256 of each kernel. Kernels are found by their fingerprints, so outdated code is
-never found. The file is not mapped into memory: if another process truncated a mapped file, this process would end.
+of the compiler, the name of each kernel, and the length and SHA-256 of each block: the code of a kernel, or a text of the LLVM
+modules of all kernels of one source file. Only the compilation of a kernel's callers needs its module. Modules as bitcode would
+take three times the space, because their texts have long parts in common. Kernels are found by their fingerprints, so outdated
+code is never found. The file is not mapped into memory: if another process truncated a mapped file, this process would end.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
-import lzma
+import pickle
 import platform
 import re
 import sys
 import zlib
-from collections.abc import Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
 
 ARCHIVE_FORMAT = "optik kernels 2"
 """Format of an archive: the first words of the file."""
-SMALL_BLOCKS = 6
-"""zlib's memLevel: shorter blocks fit machine code better; the default of 8 makes the archive 0.5 % larger."""
-LARGE = 30_000
-"""Size [bytes] above which a kernel is compressed by LZMA: 12 % smaller, and 20 to 30 ms for each megabyte to read."""
-XZ = b"\xfd7zXZ\x00"
-"""First bytes of LZMA's format."""
 ARCHIVES = Path(__file__).parent / "_kernels"
 """Only folder from which archives are read, because their machine code is run."""
 NEEDED = {
@@ -46,13 +44,14 @@ class CompileTarget(NamedTuple):
 
 
 class Archive(NamedTuple):
-    """Index of an archive: its target, and the position, size and SHA-256 of the code of each kernel."""
+    """Index of an archive: its target, the names of kernels, the places of their modules in texts, and those of blocks."""
 
     file: Path
     versions: tuple[str, ...]
     triple: str
     cpu: str
     names: Mapping[str, str]
+    modules: Mapping[str, tuple[str, int, int]]
     places: Mapping[str, tuple[int, int, str]]
 
     def refusal(self, versions: Sequence[str], target: CompileTarget) -> str:
@@ -67,19 +66,27 @@ class Archive(NamedTuple):
         lacking = list_features(self.cpu) - {f[1:] for f in target.features.split(",") if f.startswith("+")}
         return f"compiled for {self.cpu}: this processor lacks {', '.join(sorted(lacking))}" if lacking else ""
 
-    def read(self, fingerprint: str) -> bytes | None:
-        """Return the code of a kernel; None if the archive lacks it or is damaged."""
-        if fingerprint not in self.places:
+    def read(self, fingerprint: str) -> tuple[bytes, Callable[[], Any]] | None:
+        """Return a kernel's code, and what parses its LLVM module; None if the archive lacks it, an error if it is damaged."""
+        if fingerprint not in self.names:
             return None
-        begin, size, checksum = self.places[fingerprint]
-        try:
-            with self.file.open("rb") as file:
-                file.seek(begin)
-                packed = file.read(size)
-            code = lzma.decompress(packed) if packed.startswith(XZ) else zlib.decompress(packed)
-        except (OSError, zlib.error, lzma.LZMAError):
-            return None
-        return code if hashlib.sha256(code).hexdigest() == checksum else None
+        from lzma import decompress
+
+        from llvmlite.binding import parse_assembly  # which the build of the wheel lacks
+
+        source, begin, end = self.modules[fingerprint]
+        code, text = self._block(fingerprint), self._block(source)
+        return zlib.decompress(code), lambda: parse_assembly(decompress(text)[begin:end].decode())
+
+    def _block(self, key: str) -> bytes:
+        """Return a block; ValueError if it is damaged."""
+        begin, size, checksum = self.places[key]
+        with self.file.open("rb") as file:
+            file.seek(begin)
+            data = file.read(size)
+        if hashlib.sha256(data).hexdigest() != checksum:
+            raise ValueError(key)
+        return data
 
 
 def list_features(cpu: str) -> set[str]:
@@ -109,11 +116,15 @@ def load(file: Path) -> Archive | str:
             if words[0] != ARCHIVE_FORMAT or len(text) != size or hashlib.sha256(text).hexdigest() != words[2]:
                 return f"{file} is damaged"
             index, begin = json.loads(text), lines.tell()
-        names, places = {}, {}
-        for fingerprint, (name, length, checksum) in index["kernels"].items():
-            names[fingerprint], places[fingerprint] = name, (begin, length, checksum)
+        if find_spec("_lzma") is None:
+            return "this Python was built without lzma"
+        names = {fingerprint: name for fingerprint, (name, *_) in index["kernels"].items()}
+        modules = {fingerprint: tuple(module) for fingerprint, (_, *module) in index["kernels"].items()}
+        places = {}
+        for key, (length, checksum) in index["blocks"].items():
+            places[key] = (begin, length, checksum)
             begin += length
-        return Archive(file, tuple(index["versions"]), index["triple"], index["cpu"], names, places)
+        return Archive(file, tuple(index["versions"]), index["triple"], index["cpu"], names, modules, places)
     except FileNotFoundError:
         return f"there is no {file.name} in {file.parent}"
     except (OSError, ValueError, LookupError, TypeError, AttributeError) as error:
@@ -121,21 +132,28 @@ def load(file: Path) -> Archive | str:
 
 
 def pack(file: Path, versions: Sequence[str], target: CompileTarget, kernels: Mapping[str, tuple[str, bytes]]) -> None:
-    """Write an archive of kernels, given their names and codes by fingerprint."""
-    codes, index = [], {}
-    for fingerprint, (name, code) in sorted(kernels.items()):
-        if len(code) > LARGE:
-            codes.append(lzma.compress(code, preset=9))
-        else:
-            deflate = zlib.compressobj(9, zlib.DEFLATED, zlib.MAX_WBITS, SMALL_BLOCKS)
-            codes.append(deflate.compress(code) + deflate.flush())
-        index[fingerprint] = [name, len(codes[-1]), hashlib.sha256(code).hexdigest()]
+    """Write an archive of kernels, given their names and what is cached of them by fingerprint."""
+    from lzma import compress
+
+    from llvmlite.binding import parse_bitcode
+
+    blocks, index = {}, {}
+    texts: defaultdict[str, bytes] = defaultdict(bytes)
+    for fingerprint, (name, payload) in sorted(kernels.items()):
+        code, bitcode = pickle.loads(payload)
+        blocks[fingerprint] = zlib.compress(code, 9)
+        source = name.partition(".")[0]
+        begin, texts[source] = len(texts[source]), texts[source] + str(parse_bitcode(bitcode)).encode()
+        index[fingerprint] = (name, source, begin, len(texts[source]))
+    blocks |= {source: compress(text) for source, text in texts.items()}
     about: dict[str, Any] = {"versions": list(versions), "triple": target.triple, "cpu": target.cpu, "kernels": index}
-    text = json.dumps(about).encode()
+    about["blocks"] = {key: (len(data), hashlib.sha256(data).hexdigest()) for key, data in blocks.items()}
+    head = json.dumps(about).encode()
     file.parent.mkdir(parents=True, exist_ok=True)
     part = file.with_suffix(".part")
     part.write_bytes(
-        f"{ARCHIVE_FORMAT} {len(text)} {hashlib.sha256(text).hexdigest()}\n".encode() + text + b"".join(codes)
+        f"{ARCHIVE_FORMAT} {len(head)} {hashlib.sha256(head).hexdigest()}\n".encode()
+        + b"".join([head, *blocks.values()])
     )
     part.replace(file)
 

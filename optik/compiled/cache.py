@@ -14,10 +14,11 @@ import tempfile
 import uuid
 import warnings
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
+import llvmlite.binding as llvm
 from numba.core.caching import CompileResultCacheImpl, _Cache, _CacheLocator
 from numba.core.compiler import CompileResult
 from numba.core.dispatcher import Dispatcher
@@ -58,8 +59,8 @@ class KernelCache(_Cache):  # type: ignore[misc]
         if depends := self._depends(sig):
             for read in (self._read_cached, self._read_shipped):
                 with contextlib.suppress(Exception):  # code that cannot be loaded, for whatever reason, is compiled
-                    if (payload := read(sig, codegen, depends)) is not None:
-                        return CompileResult._rebuild(target_context, *pickle.loads(payload))
+                    if (found := read(sig, codegen, depends)) is not None:
+                        return rebuild(target_context, *found)
         if os.environ.get("OPTIK_COMPILES") == "error":
             raise RuntimeError(
                 f"OPTIK_COMPILES=error forbids to compile {self._stem()}{sig}: run `optik kernels --compile`, or unset it"
@@ -71,7 +72,9 @@ class KernelCache(_Cache):  # type: ignore[misc]
         depends, place = self._depends(sig), _place(self._kernel.py_func)
         if not depends or place is None or not place.check_cachable(data):
             return
-        payload = dumps(place.reduce(data._replace(type_annotation="")))  # the annotation is a third of the file
+        # The annotation would be a third of the file.
+        (name, kind, (binary, bitcode)), *others = place.reduce(data._replace(type_annotation=""))
+        payload = pickle.dumps((dumps(((name, kind, binary), *others)), bitcode))
         file = self._file(place, sig, data.codegen)
         part = file.with_name(f"{file.name}.{uuid.uuid4().hex}")
         try:
@@ -119,13 +122,17 @@ class KernelCache(_Cache):  # type: ignore[misc]
         file = f"{self._stem()}-{variant(self._kernel, _types(sig))}-{processor}.nbk"
         return Path(place.locator.get_cache_path()) / file
 
-    def _read_cached(self, sig: Any, codegen: Any, depends: str) -> bytes | None:
-        """Read code from the machine's cache."""
+    def _read_cached(self, sig: Any, codegen: Any, depends: str) -> tuple[bytes, Callable[[], Any]] | None:
+        """Read code from the machine's cache, and how to parse its LLVM module."""
         place = _place(self._kernel.py_func)
-        return None if place is None else read_code(self._file(place, sig, codegen)).get(depends)
+        found = {} if place is None else read_code(self._file(place, sig, codegen))
+        if depends not in found:
+            return None
+        code, bitcode = pickle.loads(found[depends])
+        return code, partial(llvm.parse_bitcode, bitcode)
 
-    def _read_shipped(self, sig: Any, codegen: Any, depends: str) -> bytes | None:
-        """Read code from the archive."""
+    def _read_shipped(self, sig: Any, codegen: Any, depends: str) -> tuple[bytes, Callable[[], Any]] | None:
+        """Read code from the archive, and how to parse its LLVM module."""
         shipped = archive.open_archive()
         if isinstance(shipped, str) or os.environ.get("OPTIK_COMPILES") == "native":
             return None
@@ -143,6 +150,17 @@ def read_code(file: Path) -> dict[str, bytes]:
     head, payload = data[: 2 * SHA256_DIGITS].decode(errors="replace"), data[2 * SHA256_DIGITS :]
     whole = head[SHA256_DIGITS:] == hashlib.sha256(payload).hexdigest()
     return {head[:SHA256_DIGITS]: payload} if whole else {}
+
+
+def rebuild(context: Any, code: bytes, module: Callable[[], Any]) -> Any:
+    """Load code; its LLVM module is parsed when a caller is compiled."""
+    (name, kind, binary), described, *others = pickle.loads(code)
+    symbols = context.codegen()._engine._defined_symbols
+    symbols.add(described.llvm_cpython_wrapper_name)  # Numba would find this name in the module
+    empty = llvm.parse_assembly("").as_bitcode()
+    result = CompileResult._rebuild(context, (name, kind, (binary, empty)), described, *others)
+    result.library._get_module_for_linking = cache(module)
+    return result
 
 
 def _types(sig: Any) -> tuple[Any, ...]:

@@ -2,11 +2,13 @@
 
 import json
 import os
+import pickle
 import subprocess
 import sys
 import zlib
 from pathlib import Path
 
+import llvmlite.binding as llvm
 import pytest
 from numba.core.registry import cpu_target
 
@@ -16,6 +18,7 @@ from optik.compiled.fingerprint import VERSIONS
 from tests.optik.test_compile import INNER, REPOSITORY, write_two
 
 HERE = archive.CompileTarget(*cpu_target.target_context.codegen().magic_tuple())
+EMPTY = llvm.parse_assembly("").as_bitcode()
 RUN = """
 import json, sys
 from pathlib import Path
@@ -52,7 +55,7 @@ def run(folder, *first, **env):
 def packed(folder, **changes):
     """Pack what is in the cache of `run` for the processor with the least features."""
     kernels = {
-        fingerprint: (file.name, code)
+        fingerprint: (f"two.{file.name}", code)
         for file in (folder / "none").rglob("*.nbk")
         for fingerprint, code in read_code(file).items()
     }
@@ -68,6 +71,9 @@ def _folder(tmp_path_factory):
     write_two(folder)
     assert run(folder) == [3.0, 2]
     assert len(packed(folder)) == 2
+    shipped = archive.load(folder / archive.file_name())
+    for print_, name in shipped.names.items():
+        assert any(name.split(".")[1] in f.name for f in shipped.read(print_)[1]().functions if not f.is_declaration)
     return folder
 
 
@@ -88,7 +94,10 @@ def test_what_is_shipped_is_not_compiled_and_a_change_compiles_what_depends_on_i
     assert run(folder) == [3.0, 0]
     outer = (folder / "outer.py").read_text()
     (folder / "outer.py").write_text(outer.replace("1.0", "2.0"))
-    assert run(folder) == [4.0, 1]
+    for first in ([], ["inner"]):  # code that is in use is compiled into callers, too
+        assert run(folder, *first) == [4.0, 1]
+        ((_, bitcode),) = (pickle.loads(*read_code(f).values()) for f in (folder / "none").rglob("outer*.nbk"))
+        assert not [f.name for f in llvm.parse_bitcode(bitcode).functions if f.is_declaration and "inner" in f.name]
     (folder / "outer.py").write_text(outer)
     inner.write_text(INNER.format("5.0"))
     assert run(folder) == [6.0, 2]
@@ -153,13 +162,16 @@ def test_a_damaged_file_is_as_none(shipped, tmp_path):
     assert shipped() == 0
 
 
+def test_a_python_without_lzma_compiles(shipped, monkeypatch):
+    monkeypatch.setattr(archive, "find_spec", lambda name: None)
+    assert shipped() == 1
+
+
 @pytest.mark.parametrize("code", [b"", b"no pickle", b"\x80\x04N.", b"cos\nsystem\n(S'exit'\n", b"\x80\x04)."])
 def test_code_that_cannot_be_loaded_is_compiled(shipped, tmp_path, code):
-    names = archive.load(tmp_path / archive.file_name()).names
-    target = HERE._replace(cpu="any")
-    archive.pack(
-        tmp_path / archive.file_name(), VERSIONS, target, {print_: (name, code) for print_, name in names.items()}
-    )
+    file, payload = tmp_path / archive.file_name(), pickle.dumps((code, EMPTY))
+    kernels = {print_: (name, payload) for print_, name in archive.load(file).names.items()}
+    archive.pack(file, VERSIONS, HERE._replace(cpu="any"), kernels)
     assert shipped() == 1
 
 
@@ -188,7 +200,7 @@ def test_another_processor_compiles(shipped, tmp_path, change):
 
 
 def test_a_version_of_the_system_does_not_count():
-    mine = archive.Archive(Path(), VERSIONS, "arm64-apple-darwin23.1.0", "apple-m1", {}, {})
+    mine = archive.Archive(Path(), VERSIONS, "arm64-apple-darwin23.1.0", "apple-m1", {}, {}, {})
     assert not mine.refusal(VERSIONS, archive.CompileTarget("arm64-apple-darwin24.0.0", "apple-m2", ""))
 
 
