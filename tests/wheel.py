@@ -34,7 +34,7 @@ print(f"{len(shipped.names)} kernels load")
 ARMS = """
 import numpy as np, optik, planners
 
-for n in range(4, 10):
+for n in range(4, 11):
     limits = optik.JointLimits(np.full(n, -2.9), np.full(n, 2.9), velocity=2.0, acceleration=10.0, jerk=100.0)
     robot = optik.Robot.from_dh([optik.DHRow(0.05, 1.2, 0.15)] * n, limits)
     q0 = np.linspace(0.3, 0.9, n) * (-1) ** np.arange(n)
@@ -52,7 +52,7 @@ def main() -> None:
     assert wheel.stat().st_size <= LARGEST, f"{wheel}: {wheel.stat().st_size / 1e6:.1f} MB"
     assert [name for name in zipfile.ZipFile(wheel).namelist() if name.startswith("optik/compiled/_kernels/")]
     (lines,) = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), flags=re.S)
-    names = {lines: "the README's lines", LOAD: "load", ARMS: "arms of four to nine joints"}
+    names = {lines: "the README's lines", LOAD: "load", ARMS: "arms of four to ten joints"}
     with TemporaryDirectory() as folder:
         venv.create(Path(folder, "venv"), with_pip=True)
         python = str(Path(folder, "venv", "Scripts" if os.name == "nt" else "bin", "python"))

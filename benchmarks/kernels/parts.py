@@ -96,8 +96,8 @@ def demo() -> None:
 
 
 def chains() -> None:
-    """Solve single targets and batches for arms of four to nine joints, because each number of joints has its own kernels."""
-    for n in range(4, 10):
+    """Solve single targets and batches for arms of four to ten joints, because each number of joints has its own kernels."""
+    for n in range(4, 11):
         limits = optik.JointLimits(np.full(n, -3.0), np.full(n, 3.0))
         robot, q0 = optik.Robot.from_mdh([optik.DHRow(a=0.1, alpha=1.0, d=0.1)] * n, limits), np.full(n, 0.5)
         target = robot.fk(q0 + 0.1)
