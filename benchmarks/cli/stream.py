@@ -51,7 +51,7 @@ class StreamCommand(LimitsCommand, TableCommand):
         limits = MotionLimits.of(arm, **self.read_typed_limits(arm))
         start = read_configuration(arm, self.start_deg) if self.start_deg.strip() else np.asarray(chunks[0].points)[0]
         drive = make_drive(self.on, arm)
-        source = _Recorded(chunks, self.latency)
+        source = _Recording(chunks, self.latency)
         options: dict[str, Any] = {"limits": limits, "pace": self.pace, "tolerance": self.tolerance}
         flow = stream(
             arm, source, start, rate=1.0 / drive.period, realtime=False, silence=source.longest_gap, **options
@@ -81,7 +81,7 @@ class StreamCommand(LimitsCommand, TableCommand):
         raise typer.Exit(0 if done else 1)
 
 
-class _Recorded:
+class _Recording:
     """A source that gives each chunk a time after its observation."""
 
     def __init__(self, chunks: list[Chunk], latency: float) -> None:

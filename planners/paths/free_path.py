@@ -234,7 +234,7 @@ class FreePath(PiecewisePath):
         rows[:, 0] = self.null_space.rows
         return rows, np.ascontiguousarray(self.spline.basis(s).combine(self.null_space.coefficients))
 
-    def _bounded(self, kind: Freedom, f: Array, change: Array) -> Array:
+    def _bound_change(self, kind: Freedom, f: Array, change: Array) -> Array:
         """Return what the range of a freedom bounds (k, ·), of coordinates (k, d) and changes of the null space (k, r)."""
         if not kind.screws:  # of an elbow: the distance from the initial joint path
             return change
@@ -252,7 +252,7 @@ class FreePath(PiecewisePath):
         found = []
         for kind in self.kinds:
             low, high = self.bounds[kind.name]
-            for x in self._bounded(kind, self.coefficients, self._change).T:
+            for x in self._bound_change(kind, self.coefficients, self._change).T:
                 allowed, least = ((0.0, high), 0.0) if kind.round else ((low, high), float(x.min()))
                 found.append(CoordinateRange(kind.name, kind.unit, allowed, (least, float(x.max()))))
         return tuple(found)
@@ -271,7 +271,7 @@ class FreePath(PiecewisePath):
             Coordinates, norms of ``round`` freedoms, and distances of an elbow from the initial joint path [rad, m].
         """
         f, change = self.coordinates(s)[:, 0], self.spline.basis(s).combine(self._change)[:, 0]
-        return np.concatenate([self._bounded(kind, f, change) for kind in self.kinds], axis=1)
+        return np.concatenate([self._bound_change(kind, f, change) for kind in self.kinds], axis=1)
 
     @property
     def most_deviation(self) -> tuple[float, float]:

@@ -24,7 +24,7 @@ def retarget(
 
     A chunk is followed as closely as the limits allow: repeated targets are repaired, the targets are smoothed within the
     tolerance, their pace is lowered where the limits demand it, and the joints track them. Joints and plans are entered by
-    time-optimal motions. Every result ends at rest. If none is proved, the running motion goes on.
+    time-optimal motions. Every result ends at rest. If none is proved, the running motion goes on, without a new proof.
 
     Parameters
     ----------
@@ -41,9 +41,10 @@ def retarget(
     pace : float
         Largest rate of the chunk, over its own; above 1 to be faster than the chunk says [1].
     align : {"nearest", "clock"}
-        Enter the chunk at its place nearest to the arm but for the tolerance, at most as late as its clock says, or there.
+        Enter the chunk at the place nearest to the arm, to within the tolerance, but not later than by its clock; or by its
+        clock.
     longest : float
-        Longest piece of the motion [s]; shorter ones follow more closely and take more computing time.
+        Longest duration of a piece of the motion [s]; shorter pieces follow more closely and take more computing time.
     scene : Scene, optional
         Obstacles, which the motion is proved to avoid.
 

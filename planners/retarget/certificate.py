@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -18,7 +17,7 @@ from planners.certificate.certificate import RATIO_ROUNDING
 from planners.certificate.checks import find_position_violations
 from planners.certificate.clearance import Clearance, clearance
 from planners.certificate.violation import Violation, word_of_limit
-from planners.limits import DERIVATIVES, Extreme, MotionLimits, ToolExtreme, kind_of
+from planners.limits import DERIVATIVES, LOADED, TOOL_SPEEDS, Extreme, MotionLimits, ToolExtreme, kind_of
 from planners.limits.base import sides
 from planners.retarget.cubics import JointCubics, cubic_extrema
 from planners.trajectory import Trajectory
@@ -100,15 +99,6 @@ class StreamCertificate:
             lines += [] if np.isnan(ratio) else [f"peak / limit, {name}: {ratio:.3g} ({where} at {t:.3g} s)"]
         return "\n".join([*lines, f"not covered: {', '.join(self.not_covered)}"])
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain data for files."""
-        return {
-            "is_valid": self.is_valid, "reasons": list(self.reasons), "duration": self.duration,
-            "position_margin": self.position_margin.tolist(), "discontinuity": self.discontinuity.tolist(),
-            "peaks": {name: peak.to_dict() for name, peak in self.peaks.items()},
-            "clearance": None if self.clearance is None else self.clearance.to_dict(), "not_covered": list(self.not_covered),
-        }  # fmt: skip
-
 
 def trajectory_of(curve: JointCubics | Trajectory) -> Trajectory:
     """Return a motion as a trajectory."""
@@ -146,7 +136,7 @@ def certify_joined(
         motion = MotionAnalysis(robot, trajectory_of(curve))
         peaks |= {name: kind_of(name).judge(motion, bounds[name]) for name in names}
     clear = None if scene is None else clearance(robot, trajectory_of(curve), scene)
-    free = [kind for kind in ("torque", "tool speed") if kind.replace(" ", "_") not in names]
+    free = [name.replace("_", " ") for name in (*LOADED, *TOOL_SPEEDS) if name not in names]
     free += [] if scene is not None else ["contact"]
     return StreamCertificate(
         robot.joint_names, curve.end, np.minimum(lower, upper), np.where(lower < upper, out[0, 2], out[0, 3]), peaks, jump,

@@ -50,16 +50,12 @@ class Chunk:
         object.__setattr__(self, "rate", check_number(self.rate, "rate", "targets per second, above 0", above=0.0))
         object.__setattr__(self, "observed", check_number(self.observed, "observed", "a time [s]"))
 
-    @property
-    def duration(self) -> float:
-        """Time from the first to the last target [s]."""
-        return (len(np.asarray(self.points)) - 1) / self.rate
-
 
 def repair(chunk: Chunk, lower: Array, upper: Array) -> tuple[Array, float, int]:
     """Return the targets (m, n) inside the ranges, their rate [1/s], and the number of changed ones.
 
-    A target that repeats the one before in all joints stands for a missing one. It becomes the mean of its neighbours.
+    A target that equals the one before in all joints, but not the next one, stands for a missing one. It becomes the mean of
+    its neighbours.
     """
     given = np.asarray(chunk.points)
     P = np.clip(given, lower, upper)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from math import ceil
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -45,6 +46,8 @@ SHORTEST_WINDOW = 0.02
 """Shortest window over which a pace is averaged [s]."""
 TRIED, MOST_PIECES = 31, 4000
 """Places of a chunk among which the nearest one to the arm is chosen, and the largest number of pieces of a joint."""
+ARRIVED = (1e-10, 1e-12, 1e-12)
+"""Distances from a goal at rest in position, velocity and acceleration that are rounding [rad, rad/s, rad/s², or m]."""
 LATEST = 0.98
 """Latest entry into a chunk, over its duration."""
 ENTRIES, LAST_ENTRY = 6, 0.95
@@ -66,7 +69,7 @@ class _Samples:
         return twists
 
 
-class _Made(NamedTuple):
+class _Attempt(NamedTuple):
     """A motion, or None and the reason; then skipped and repaired targets, and the reference of a chunk."""
 
     curve: JointCubics | Trajectory | None
@@ -76,7 +79,7 @@ class _Made(NamedTuple):
     reference: Reference | None = None
 
 
-Make = Callable[[Array, int], _Made]
+Make = Callable[[Array, int], _Attempt]
 """Makes a motion within limits (n, 4, 2) of single joints, at the k-th try."""
 
 
@@ -114,12 +117,12 @@ class Retargeter:
             make: Make = ChunkFollower(self, X, onto, at).make
         elif isinstance(onto, Jog):
             velocity = _joints(onto.velocity, self.robot.n, "velocity")
-            make = lambda box, k: _Made(self._transfer(box).jog(X, velocity, onto.hold))  # noqa: E731
+            make = lambda box, k: _Attempt(self._transfer(box).jog(X, velocity, onto.hold))  # noqa: E731
         elif hasattr(onto, "trajectory"):
             status, make = RetargetStatus.JOINED, self._enter(X, trajectory_of(onto.trajectory))
         else:
             make = self._go(X, _joints(onto, self.robot.n, "onto"))
-        made, reason, box = _Made(None), self._refuse_state(X), self._first_box(X)
+        made, reason, box = _Attempt(None), self._refuse_state(X), self._first_box(X)
         for k in range(0 if reason else tries):
             made = make(box, k)
             if made.curve is None:
@@ -193,16 +196,19 @@ class Retargeter:
             expected = f"a value in [{low[i]:.6g}, {high[i]:.6g}]"
             raise InvalidInput("onto", f"{q[i]:.6g} for {self.robot.joint_names[i]}", expected)
         goal = np.stack([q, 0.0 * q, 0.0 * q])
+        arrived = (np.abs(X - goal).max(axis=1) < ARRIVED).all()
 
-        def make(box: Array, k: int) -> _Made:
+        def make(box: Array, k: int) -> _Attempt:
             transfer = self._transfer(box)
+            if arrived:
+                return _Attempt(make_rest(X[0], BRIEF_REST))
             if k < 2 or self.others:
-                return _Made(transfer.to_state(X, goal))
+                return _Attempt(transfer.to_state(X, goal))
             stop = transfer.jog(X, 0.0 * q, 0.0)  # the direct way left a range
             if stop is None:
-                return _Made(None)
+                return _Attempt(None)
             onward = transfer.to_state(np.stack([stop(stop.end), 0.0 * q, 0.0 * q]), goal)
-            return _Made(None if onward is None else join(stop.trajectory, onward.trajectory))
+            return _Attempt(None if onward is None else join(stop.trajectory, onward.trajectory))
 
         return make
 
@@ -211,7 +217,7 @@ class Retargeter:
         if curve.n != self.robot.n:
             raise InvalidInput("onto", f"a motion of {curve.n} joints", f"{self.robot.n}, of {self.robot.name}")
 
-        def make(box: Array, k: int) -> _Made:
+        def make(box: Array, k: int) -> _Attempt:
             transfer, found = self._transfer(box), list[tuple[float, float]]()  # total durations, and entries [s]
             low, high = 0.0, LAST_ENTRY * curve.end
             for _ in range(2):
@@ -221,12 +227,12 @@ class Retargeter:
                     if entry is not None:
                         found.append((entry.duration + curve.end - t, t))
                 if not found:
-                    return _Made(None)
+                    return _Attempt(None)
                 apart, middle = (high - low) / (ENTRIES - 1), min(found)[1]
                 low, high = max(middle - apart, 0.0), min(middle + apart, LAST_ENTRY * curve.end)
             t = sorted(found)[min(k, len(found) - 1)][1]
             motion = transfer.to_state(X, np.array([curve(t, order) for order in range(3)]))
-            return _Made(None if motion is None else join(motion.trajectory, cut_before(curve, t).without_s))
+            return _Attempt(None if motion is None else join(motion.trajectory, cut_before(curve, t).without_s))
 
         return make
 
@@ -247,7 +253,9 @@ class ChunkFollower:
             places = np.linspace(0.0, s0, TRIED)
             away = np.abs(self._sample(places, 1)[:, 0] - X[0]).max(axis=1)
             s0 = float(places[np.flatnonzero(away <= away.min() + engine.tolerance)[-1]])  # nearer ones are noise
-        self._skipped = int(s0 * chunk.rate + 1e-9)
+        self._skipped = ceil(s0 * chunk.rate - 1e-9)
+        # A chunk observed in the future begins then, if it is entered by its clock.
+        self._wait = max(chunk.observed - at, 0.0) if engine.align == "clock" else 0.0
         self._s = np.linspace(s0, end, int(min(max(PLACES[0], (end - s0) / APART), PLACES[1])))
         self._R = self._sample(self._s, 4)
 
@@ -257,18 +265,18 @@ class ChunkFollower:
         sample_reference(self._c, self._h, s, R)
         return R
 
-    def make(self, box: Array, k: int) -> _Made:
+    def make(self, box: Array, k: int) -> _Attempt:
         """Return the motion that follows the chunk within limits of single joints, slower with each try."""
         engine = self._engine
         when, s = self._find_pace(box, SLOWER[k])
         if when.size > 2 * MOST_PIECES:
             reach = MOST_PIECES * engine.longest
-            return _Made(None, f"the chunk takes {when[-1]:.3g} s, and {MOST_PIECES} pieces reach to {reach:.3g} s")
+            return _Attempt(None, f"the chunk takes {when[-1]:.3g} s, and {MOST_PIECES} pieces reach to {reach:.3g} s")
         j, knots, count, c = track(self._X, box, when, self._sample(s, 1)[:, 0].copy(), engine.longest)
         more = self._skipped, self._repaired, Reference(self._c, self._h, when, s, self._error)
         if j >= 0:
-            return _Made(None, f"no motion of {engine.robot.joint_names[j]} within its limits was found", *more)
-        return _Made(JointCubics(knots, count, c), "", *more)
+            return _Attempt(None, f"no motion of {engine.robot.joint_names[j]} within its limits was found", *more)
+        return _Attempt(JointCubics(knots, count, c), "", *more)
 
     def _find_pace(self, box: Array, slower: float) -> tuple[Array, Array]:
         """Return instants [s] and the chunk's time there, at most at a fraction of the wanted pace."""
@@ -289,7 +297,7 @@ class ChunkFollower:
         when = np.arange(step, min(t[-1] + 0.5 * width, MOST_PIECES * engine.longest) + 2.0 * step, step)
         out = np.empty_like(when)
         smooth_pace(s, t, float(np.sqrt(x[0])), width, when, out)
-        return when, out
+        return when + self._wait, out
 
     def _add_rows(self, rows: Array, cap: Array, part: float) -> Array:
         """Return the rows with those of limits of the whole arm, and lower the largest ṡ² by those of first order."""

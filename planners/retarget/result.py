@@ -94,9 +94,9 @@ class Retargeted:
     curve : JointCubics or Trajectory
         The motion, ``curve(t, order)`` for t in [0, ``curve.end``] since `at`.
     certificate : StreamCertificate
-        Of the motion; of a kept one for these limits, which it may exceed.
+        Of the motion; of a kept one for these limits, which it may exceed, and without its scene.
     skipped, repaired : int
-        Targets of the chunk that lie before its entry; targets that were moved into the ranges or repeated the one before.
+        Targets of the chunk before its entry; targets that were clipped to the ranges, or repeated the one before.
     reference : Reference or None
         The paced reference of a chunk.
     """

@@ -18,6 +18,7 @@ from optik.errors import InvalidInput
 from optik.scene import Scene
 from optik.types import Array
 from planners.limits import MotionLimits
+from planners.motion.motion import HasMotion
 from planners.retarget.answer import get_target
 from planners.retarget.chunk import Chunk
 from planners.retarget.cubics import BRIEF_REST, JointCubics
@@ -44,7 +45,7 @@ class Setpoint(NamedTuple):
     joined: Retargeted | None = None
 
 
-Source = Callable[[Setpoint], "Chunk | Jog | ArrayLike | None"]
+Source = Callable[[Setpoint], "Chunk | Jog | ArrayLike | HasMotion | None"]
 """A function that returns a new target, or None; it gets the present set-point and must not wait."""
 
 
@@ -90,7 +91,7 @@ class Stream(Iterator[Setpoint]):
         if not callable(source):
             raise InvalidInput("source", repr(source)[:60], "a function of the present set-point")
         self.robot, self.rate = robot, check_number(rate, "rate", "set-points per second, above 0", above=0.0)
-        self._source, self._realtime = source, check_flag(realtime, "realtime")
+        self._source, self.realtime = source, check_flag(realtime, "realtime")
         self.budget = check_number(budget, "budget", "seconds, at least 0", least=0.0)
         self._silence = None if silence is None else check_number(silence, "silence", "seconds, at least 0", least=0.0)
         self.engine = Retargeter(robot, **options)
@@ -98,7 +99,8 @@ class Stream(Iterator[Setpoint]):
         self._waiting = deque[tuple[Retargeted, float]]()  # motions that begin later, each from the one before
         self._pool = ThreadPoolExecutor(1) if realtime else None
         self._work: tuple[Future[tuple[Retargeted, float]], float] | None = None
-        self._tick, self._began, self._heard, self._stopping, self._rests = -1, 0.0, 0.0, False, False
+        self._tick, self._began, self._heard, self._given = -1, 0.0, 0.0, -1.0
+        self._stopping = self._rests = False
         self.announce: Callable[[Retargeted, float], None] = lambda motion, begin: None
         """Called with each motion that was proved and the time at which it begins [s], before it does."""
         self._kept: Counter[str] = Counter()
@@ -120,31 +122,27 @@ class Stream(Iterator[Setpoint]):
         return make_rest(q, 3.0 * BRIEF_REST)
 
     def _warm_up(self) -> None:
-        """Compile what a target needs, before the first one comes."""
+        """Compile what each kind of target needs, before the first one comes."""
         q = state_of(self._running, 0.0)[0]
-        for target in (Chunk(np.array([q] * 8), 20.0), Jog(np.zeros(self.robot.n), 0.1), q):
+        goal = self.engine.run(self._running, 0.0, q)
+        for target in (Chunk(np.array([q] * 8), 20.0), Jog(np.zeros(self.robot.n), 0.1), goal):
             self.engine.run(self._running, 0.0, target)
-
-    @property
-    def running(self) -> JointCubics | Trajectory:
-        """The motion that runs, or ran last."""
-        return self._running
 
     @property
     def time(self) -> float:
         """The stream's clock [s], on which `Chunk.observed` is given; 0 before the first set-point."""
         if self._tick < 0:
             return 0.0
-        return time.perf_counter() - self._began if self._realtime else self._tick / self.rate
+        return time.perf_counter() - self._began if self.realtime else self._tick / self.rate
 
     def stop(self) -> None:
-        """Ask for no more targets: the running motion goes on to its end at rest, and then the stream ends."""
+        """Ignore further targets: accepted motions are executed to their end at rest, and then the stream ends."""
         self._stopping = True
 
     def __next__(self) -> Setpoint:
         """Return the set-point of the next tick: that of the clock, never two at once."""
         t = self._wait()
-        joined = self._join(t)
+        joined, self._given = self._join(t), t
         now = Setpoint(t, *state_of(self._running, t - self._begin), joined)
         patience = 0.0 if self._stopping else self._silence
         if self._rests and patience is not None and t - max(self._heard, self._begin + self._running.end) >= patience:
@@ -159,7 +157,7 @@ class Stream(Iterator[Setpoint]):
         if self._tick < 0:
             self._began = time.perf_counter()
         self._tick += 1
-        if self._realtime:
+        if self.realtime:
             passed = int((time.perf_counter() - self._began) * self.rate)
             if passed > self._tick:
                 self._missed += passed - self._tick
@@ -202,10 +200,10 @@ class Stream(Iterator[Setpoint]):
     def _take(self, found: Retargeted, seconds: float, at: float) -> None:
         """Let a motion begin at its time, or count why it does not."""
         self._cpu.append(seconds)
-        self._skipped += found.skipped
         if found.status is RetargetStatus.KEPT:
             self._kept[found.reason] += 1
         else:
+            self._skipped += found.skipped
             self._waiting.append((found, at))
             self.announce(found, at)
 
@@ -214,7 +212,7 @@ class Stream(Iterator[Setpoint]):
         if self._work is not None and self._work[0].done():
             (work, at), self._work = self._work, None
             found, seconds = work.result()
-            if t > at + 0.5 / self.rate and self._realtime:
+            if self._given > at + 1e-9:  # the running motion's set-points after this instant were given
                 self._late += 1
                 self._cpu.append(seconds)
             else:
@@ -253,16 +251,16 @@ def stream(
 ) -> Stream:  # fmt: skip
     """Return an iterator of set-points that joins the targets of a source as they come.
 
-    Every accepted motion ends at rest, so the arm stops by itself when the source is silent. Opening compiles all kernels.
-    A Python loop is not a real-time system: the report states the delays. A tick that has passed is left out.
+    Every accepted motion ends at rest, so the arm stops by itself when the source is silent. Opening a stream compiles the code
+    for all targets. A Python loop is not a real-time system: missed ticks are skipped, and the report states the delays.
 
     Parameters
     ----------
     robot : Robot
         The arm.
     source : callable
-        Gets the present `Setpoint`; returns a `Chunk`, joints, a plan, or None. It must not wait. `JogVelocity` is one.
-        `Chunk.observed` is a time on the stream's clock, `Setpoint.t`.
+        Gets the present `Setpoint`; returns a `Chunk`, joints, a plan, or None. It must not block, and is not asked while a
+        motion is computed. `JogVelocity` is a source. `Chunk.observed` is a time on the stream's clock, `Setpoint.t`.
     start : (n,) array, or Plan, Motion or Retargeted
         Joints at rest [rad, m], or the motion that begins with the stream.
     rate : float
@@ -272,7 +270,7 @@ def stream(
     budget : float
         Time from the arrival of a target to the start of its motion [s]. A result that comes later is dropped.
     silence : float, optional
-        Time at rest without a target after which the stream ends [s]; None for never.
+        Time at rest without a new target after which the stream ends [s]; None for never.
     realtime : bool
         Whether to wait for the clock; otherwise set-points come as fast as they are asked for.
 

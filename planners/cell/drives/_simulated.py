@@ -17,9 +17,9 @@ from optik.check import check_count, real_array
 from optik.errors import InvalidInput
 from optik.types import Array, Flags
 from planners.cell.drives import _checks
-from planners.cell.drives._follow import Followed
 from planners.cell.drives._run import Commands, DriveRun, Steps, interpolate
 from planners.cell.drives._stop import refuse, resume_execution
+from planners.cell.drives._stream_record import StreamRecord
 from planners.cell.drives.base import Drive, Execution, Moment, StopRequest, Watcher
 from planners.cell.drives.options import make_options
 from planners.cell.drives.setpoints import Setpoints, fit_periods, make_setpoints
@@ -152,7 +152,7 @@ class SimulatedDrive(Drive):
         """
         return resume_execution(self, execution, self.options.start, {"stop": stop, "watch": watch, "allow": allow})
 
-    def follow(self, stream: Stream) -> Followed:
+    def follow(self, stream: Stream) -> StreamRecord:
         """Take the arm along the set-points of a stream; see `Drive.follow`."""
         if abs(stream.rate * self.period - 1.0) > 1e-9:
             expected = f"{1.0 / self.period:g}: one for each period of the drive"
@@ -182,7 +182,7 @@ class SimulatedDrive(Drive):
                 stream.stop()
             before = now
         t, setpoints, q = (np.array(x) for x in zip(*rows, strict=True))
-        return Followed(t, setpoints, q, stream.report(), fault)
+        return StreamRecord(t, setpoints, q, stream.report(), fault)
 
     def _loop(self, run: DriveRun, stop_test: Callable[[float], bool], watch: Watcher | None) -> None:
         """Run all ticks: read the encoders, check for faults and stop requests, simulate one period."""

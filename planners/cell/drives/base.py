@@ -14,7 +14,7 @@ from optik.arm.robot import Robot
 from optik.errors import InvalidInput
 from optik.registry import ClassName
 from optik.types import Array
-from planners.cell.drives._follow import Followed
+from planners.cell.drives._stream_record import StreamRecord
 from planners.cell.drives.setpoints import Setpoints
 from planners.certificate.violation import Allow
 from planners.motion.event import Event
@@ -226,7 +226,7 @@ class Drive(ABC):
             An execution that was not stopped.
         """
 
-    def follow(self, stream: Stream) -> Followed:
+    def follow(self, stream: Stream) -> StreamRecord:
         """Take the arm along a stream to its end at rest; stop the stream if a joint does not follow.
 
         A simulated drive takes the set-points, one for each period. A drive of ROS sends each motion as it is joined.
@@ -238,7 +238,7 @@ class Drive(ABC):
 
         Returns
         -------
-        Followed
+        StreamRecord
             Set-points, measured positions, and the stream's report.
 
         Raises

@@ -12,11 +12,11 @@ from optik.check import check_flag, check_number
 from optik.errors import InvalidInput, NoSolution
 from optik.types import Array
 from planners.cell.drives._checks import START_ADVICE, check_plan, describe_start, find_violation, make_stop_test
-from planners.cell.drives._follow import Followed
 from planners.cell.drives._ros_goals import Stops, add_room, describe_exceeded, make_message, make_stops, motor_motion
 from planners.cell.drives._ros_run import RosOptions, RosRun
 from planners.cell.drives._ros_stream import follow_by_goals
 from planners.cell.drives._stop import check_stopped, refuse, relax
+from planners.cell.drives._stream_record import StreamRecord
 from planners.cell.drives.base import Drive, Execution, ExecutionStatus, StopRequest, Watcher
 from planners.cell.drives.setpoints import PERIOD
 from planners.certificate.violation import Allow
@@ -169,7 +169,7 @@ class RosDrive(Drive):
         onward = replace(onward, scene=plan.scene)
         return self.execute(onward, stop=stop, watch=watch, allow=allow)
 
-    def follow(self, stream: Stream) -> Followed:
+    def follow(self, stream: Stream) -> StreamRecord:
         """Send each motion of a stream to the controller, to begin at its time; see `Drive.follow`.
 
         Each motion is sent before it begins, with its time on the robot's clock, so ``budget`` of the stream must be at least

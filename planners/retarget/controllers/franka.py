@@ -22,7 +22,7 @@ VELOCITY = np.array([2.175] * 4 + [2.61] * 3) - EPSILON - LOST_PACKETS * LIMITER
 
 
 class FrankaLimiter:
-    """The limiter ``franka::limitRate`` for joint positions.
+    """The limiter ``franka::limitRate`` for joint positions, without libfranka's low-pass filter.
 
     Source: libfranka 0.9.2, ``include/franka/rate_limiting.h`` and ``src/rate_limiting.cpp``
     (https://github.com/frankaemika/libfranka).
@@ -31,8 +31,9 @@ class FrankaLimiter:
     ----------
     limits : MotionLimits
         Limits of streams that the limiter does not change. Near its velocity limit V it bounds accelerations by (J/A) (V − v).
-        A motion with v ≤ V − A²/(2 J) and jerks up to J respects this: it needs a²/(2 J) to bring an acceleration a to 0, and
-        a²/(2 J) + A²/(2 J) ≥ a A/J. Differences of samples are means of derivatives, for which the same holds.
+        Samples with velocities up to u = V − A²/(2 J) and accelerations that change by at most J Δ per period Δ respect this:
+        from an acceleration a to 0, the velocity still rises by Δ (a + (a − J Δ) + …) ≥ a²/(2 J). So V − v is at least
+        A²/(2 J) + a²/(2 J) ≥ a A/J. Differences of a motion's samples are means of its derivatives, so they have its limits.
     """
 
     limits = MotionLimits(velocity=VELOCITY - ACCELERATION**2 / (2.0 * JERK), acceleration=ACCELERATION, jerk=JERK)

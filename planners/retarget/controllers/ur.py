@@ -8,10 +8,13 @@ from numpy.typing import ArrayLike
 
 from optik.check import check_number, real_array
 from optik.errors import InvalidInput
+from optik.types import Array
 from planners.trajectory import Trajectory
 
 SERVO_PERIOD = 2e-3
 """Period of e-Series controllers [s]."""
+AT_REST = 1e-12
+"""Distance [rad] to the last set-point, and velocity [rad/s], at which the arm is at rest."""
 LOOKAHEAD, GAIN = (0.03, 0.2), (100.0, 2000.0)
 """Ranges of the options, from the script manual [s, 1/s²]."""
 
@@ -53,7 +56,7 @@ class ServoJ:
         Returns
         -------
         Trajectory
-            The motion of the arm, with a constant acceleration in each period.
+            The motion of the arm, with a constant acceleration in each period, until it is at rest at the last set-point.
 
         Raises
         ------
@@ -64,11 +67,10 @@ class ServoJ:
         given = real_array(q, "q", expected)
         if given.ndim != 2 or len(given) < 2 or not np.isfinite(given).all():
             raise InvalidInput("q", f"an array of shape {given.shape}", expected)
-        c = np.empty((3, len(given), given.shape[1]))
-        place, speed = given[0].copy(), np.zeros(given.shape[1])
-        for k, target in enumerate(given):
-            a = self.gain * (target - place - self.lookahead * speed)
-            c[:, k] = 0.5 * a, speed, place
-            place = place + SERVO_PERIOD * (speed + 0.5 * SERVO_PERIOD * a)
-            speed = speed + SERVO_PERIOD * a
-        return Trajectory(scipy.interpolate.PPoly(c, SERVO_PERIOD * np.arange(len(given) + 1), extrapolate=True))
+        pieces, place, speed, k = list[tuple[Array, Array, Array]](), given[0], np.zeros(given.shape[1]), 0
+        while k < len(given) or np.abs(given[-1] - place).max() > AT_REST or np.abs(speed).max() > AT_REST:
+            a = self.gain * (given[min(k, len(given) - 1)] - place - self.lookahead * speed)
+            pieces.append((0.5 * a, speed, place))
+            place, speed, k = place + SERVO_PERIOD * (speed + 0.5 * SERVO_PERIOD * a), speed + SERVO_PERIOD * a, k + 1
+        t = SERVO_PERIOD * np.arange(k + 1)
+        return Trajectory(scipy.interpolate.PPoly(np.stack(pieces, axis=1), t, extrapolate=True))

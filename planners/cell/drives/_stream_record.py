@@ -1,4 +1,4 @@
-"""Followed: the record of a stream of set-points on a drive."""
+"""StreamRecord: set-points and measured positions of a stream on a drive."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from optik.types import Array
 from planners.retarget.stream import StreamReport
 
 
-class Followed(NamedTuple):
+class StreamRecord(NamedTuple):
     """The record of a stream on a drive; it is true if nothing stopped the stream.
 
     Attributes
