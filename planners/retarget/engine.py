@@ -35,7 +35,7 @@ from planners.retarget.pace import (
 from planners.retarget.reference import MOST_SPANS, fit_reference
 from planners.retarget.result import Reference, Retargeted, RetargetStatus, state_of
 from planners.retarget.tracking import SPARE, track
-from planners.retarget.transfer import Transfer
+from planners.retarget.transfer import Transfer, build
 from planners.trajectory import Trajectory, cut_before, join, make_rest
 
 SLOWER = (1.0, 0.8, 0.64)
@@ -50,8 +50,8 @@ ARRIVED = (1e-10, 1e-12, 1e-12)
 """Distances from a goal at rest in position, velocity and acceleration that are rounding [rad, rad/s, rad/s², or m]."""
 LATEST = 0.98
 """Latest entry into a chunk, over its duration."""
-ENTRIES, LAST_ENTRY = 6, 0.95
-"""Entries into a plan whose durations are computed, and again beside the best one; the last one, over the plan's duration."""
+ENTRIES, LAST_ENTRY = 8, 0.95
+"""Number of entries into a plan whose durations are computed, and the last one, over the plan's duration."""
 
 
 class _Samples:
@@ -188,7 +188,7 @@ class Retargeter:
     # ------------------------------------------------------------ joints, and a plan
 
     def _go(self, X: Array, q: Array) -> Make:
-        """Return the maker of motions to joints: time-optimal ones, at last one after a stop."""
+        """Return the maker of time-optimal motions to joints."""
         low, high = self.box[:, 0].T
         outside = (q < low - 1e-9) | (q > high + 1e-9)
         if outside.any():
@@ -198,41 +198,26 @@ class Retargeter:
         goal = np.stack([q, 0.0 * q, 0.0 * q])
         arrived = (np.abs(X - goal).max(axis=1) < ARRIVED).all()
 
-        def make(box: Array, k: int) -> _Attempt:
-            transfer = self._transfer(box)
-            if arrived:
-                return _Attempt(make_rest(X[0], BRIEF_REST))
-            if k < 2 or self.others:
-                return _Attempt(transfer.to_state(X, goal))
-            stop = transfer.jog(X, 0.0 * q, 0.0)  # the direct way left a range
-            if stop is None:
-                return _Attempt(None)
-            onward = transfer.to_state(np.stack([stop(stop.end), 0.0 * q, 0.0 * q]), goal)
-            return _Attempt(None if onward is None else join(stop.trajectory, onward.trajectory))
-
-        return make
+        return lambda box, k: _Attempt(
+            make_rest(X[0], BRIEF_REST) if arrived else self._transfer(box).to_state(X, goal)
+        )
 
     def _enter(self, X: Array, curve: Trajectory) -> Make:
         """Return the maker of motions that enter another one where they end soonest, then at the next best instants."""
         if curve.n != self.robot.n:
             raise InvalidInput("onto", f"a motion of {curve.n} joints", f"{self.robot.n}, of {self.robot.name}")
 
+        times = np.linspace(0.0, LAST_ENTRY * curve.end, ENTRIES)
+        goals = np.stack([curve(times, order) for order in range(3)], axis=1)
+
         def make(box: Array, k: int) -> _Attempt:
-            transfer, found = self._transfer(box), list[tuple[float, float]]()  # total durations, and entries [s]
-            low, high = 0.0, LAST_ENTRY * curve.end
-            for _ in range(2):
-                times = np.linspace(low, high, ENTRIES)
-                for t, goal in zip(times.tolist(), np.stack([curve(times, i) for i in range(3)], axis=1), strict=True):
-                    entry = transfer.find(X, goal)
-                    if entry is not None:
-                        found.append((entry.duration + curve.end - t, t))
-                if not found:
-                    return _Attempt(None)
-                apart, middle = (high - low) / (ENTRIES - 1), min(found)[1]
-                low, high = max(middle - apart, 0.0), min(middle + apart, LAST_ENTRY * curve.end)
-            t = sorted(found)[min(k, len(found) - 1)][1]
-            motion = transfer.to_state(X, np.array([curve(t, order) for order in range(3)]))
-            return _Attempt(None if motion is None else join(motion.trajectory, cut_before(curve, t).without_s))
+            transfer = self._transfer(box)
+            entries = [(transfer.find(X, goal), t, goal) for t, goal in zip(times.tolist(), goals, strict=True)]
+            found = sorted((e for e in entries if e[0] is not None), key=lambda e: e[0].duration - e[1])
+            if k >= len(found):
+                return _Attempt(None)
+            entry, t, goal = found[k]
+            return _Attempt(join(build(X, goal, entry).trajectory, cut_before(curve, t).without_s))
 
         return make
 

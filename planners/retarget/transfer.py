@@ -27,7 +27,7 @@ class Transfer:
     def to_state(self, state: Array, goal: Array) -> JointCubics | None:
         """Return the motion from a state (3, n) to a goal (3, n), whose joints end together."""
         answer = self.find(state, goal)
-        return None if answer is None else join(state, goal, [_phases(answer)])
+        return None if answer is None else build(state, goal, answer)
 
     def find(self, state: Array, goal: Array, most: Array | None = None, together: bool = True) -> Any:
         """Return Ruckig's trajectory from a state to a goal, or None; its joints end together, or each at once.
@@ -72,7 +72,7 @@ class Transfer:
         limit = np.clip(np.stack([-most, most]), self._limits[:, 1, 0], self._limits[:, 1, 1])
         answer = self.find(state, goal, limit, together=False)
         goal[0] = np.nan  # to end exactly there would take a jerk beyond the limit
-        return None if answer is None else _choose(outside, join(state, goal, [_phases(answer)]), motion)
+        return None if answer is None else _choose(outside, build(state, goal, answer), motion)
 
     def _problem(self, state: Array, goal: Array) -> Any:
         problem = self._ruckig.InputParameter(self.n)
@@ -102,6 +102,11 @@ def _phases(answer: Any) -> tuple[Array, Array]:
     """Return durations [s] and jerks (n, k) of Ruckig's trajectory."""
     profiles = answer.profiles[0]
     return np.array([p.brake.t + p.t for p in profiles]), np.array([p.brake.j + p.j for p in profiles])
+
+
+def build(state: Array, goal: Array, answer: Any) -> JointCubics:
+    """Return Ruckig's trajectory from a state (3, n) to a goal (3, n), exact at both."""
+    return join(state, goal, [_phases(answer)])
 
 
 def join(state: Array, goal: Array, parts: list[tuple[Array, Array]]) -> JointCubics:

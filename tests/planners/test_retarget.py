@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,7 @@ import planners
 from optik.errors import InvalidInput
 from planners import Chunk, JogVelocity, MotionLimits, RetargetStatus, retarget, stream
 from planners.limits.base import sides
+from planners.retarget.certificate import certify_joined
 from planners.retarget.chunk import load_chunks
 from planners.retarget.cubics import JointCubics, integrate
 from planners.retarget.interior import make_factors, make_rows, make_stencils, minimise
@@ -138,18 +139,20 @@ def test_a_goal_takes_the_time_of_ruckig(arm):
         assert found.trajectory.end <= 1.001 * ruckig_duration(plan, at, goal)
 
 
-def ruckig_duration(plan: planners.Plan, at: float, goal: np.ndarray) -> float:
+def ruckig_duration(plan: planners.Plan, at: float, goal: np.ndarray, *rates: np.ndarray) -> float:
     problem, answer, n = ruckig.InputParameter(plan.robot.n), ruckig.Trajectory(plan.robot.n), plan.robot.n
     problem.current_position, problem.current_velocity, problem.current_acceleration = (
         plan.trajectory(at, k).tolist() for k in range(3)
     )
     problem.target_position = list(goal)
+    if rates:
+        problem.target_velocity, problem.target_acceleration = map(list, rates)
     bounds = plan.limits.bounds(n)
     problem.max_velocity, problem.max_acceleration, problem.max_jerk = (
-        bounds[k].tolist() for k in ("velocity", "acceleration", "jerk")
+        (bounds[k] * (1.0 + 1e-6)).tolist() for k in ("velocity", "acceleration", "jerk")
     )
-    ruckig.Ruckig(n).calculate(problem, answer)
-    return answer.duration
+    done = ruckig.Ruckig(n).calculate(problem, answer)
+    return answer.duration if done == ruckig.Result.Working else np.inf
 
 
 def test_another_plan_is_entered_on_the_way_and_then_followed_exactly():
@@ -167,6 +170,52 @@ def test_another_plan_is_entered_on_the_way_and_then_followed_exactly():
         np.testing.assert_allclose(found.trajectory(found.trajectory.end - t), other.trajectory(end - t), atol=1e-9)
         ratios.append(found.trajectory.end / (ruckig_duration(plan, at, other.trajectory(0.0)) + end))
     assert np.median(ratios) < 0.8 and max(ratios) <= 1.0 + 1e-9
+
+
+def best_entry(plan: planners.Plan, at: float, other: planners.Trajectory) -> float:
+    """The least duration of entry and rest among many instants, by Ruckig."""
+    totals = []
+    for t in np.linspace(0.0, 0.95 * other.end, 150):
+        totals.append(ruckig_duration(plan, at, other(t), other(t, 1), other(t, 2)) + other.end - t)
+    return min(totals)
+
+
+def test_a_plan_is_entered_nearly_as_early_as_possible():
+    rng = np.random.default_rng(shift_seed(15))
+    over = []
+    for _ in range(8):
+        plan, at, _ = draw("panda", rng)
+        q = plan.robot.limits.clip(plan.trajectory(at) + rng.uniform(-0.2, 0.2, 7))
+        other = planners.plan(plan.robot, plan.robot.limits.clip(q + rng.uniform(-1.0, 1.0, 7)), q, limits=PANDA)
+        over.append(retarget(plan, at, other).trajectory.end / best_entry(plan, at, other.trajectory))
+    assert np.median(over) < 1.005 and max(over) < 1.05
+
+
+def test_a_chunk_is_entered_where_the_arm_is_or_by_the_clock():
+    robot, t = optik.load("panda"), np.arange(30)[:, None] / 20.0
+    rest = planners.plan(robot, REST, REST + 0.1, limits=PANDA)
+    now = rest.trajectory.end + 1.0
+    fast = Chunk(
+        REST + 0.5 * (t - 0.1), 20.0, now - 0.3
+    )  # the arm is where the chunk was at 0.1 s, and the clock is at 0.3 s
+    nearest, clock = (retarget(rest, now, fast, align=align) for align in ("nearest", "clock"))
+    assert (nearest.skipped, clock.skipped) == (3, 6) and nearest and clock
+    slow = Chunk(REST + 0.005 * (t - 0.1), 20.0, now - 0.3)  # its places differ by less than the tolerance
+    assert retarget(rest, now, slow).skipped == 6
+
+
+def test_a_certificate_says_what_is_violated():
+    plan = running("panda")[0]
+    state = np.array([plan.trajectory(0.2, k) for k in range(3)])
+    found = retarget(plan, 0.2, REST)
+    certify = partial(certify_joined, plan.robot, found.curve, scene=None)
+    assert certify(PANDA, state).is_valid
+    for order, name in enumerate(("position", "velocity", "acceleration")):
+        moved = state.copy()
+        moved[order, 3] += 1e-6
+        assert certify(PANDA, moved).reasons == (f"the {name} is discontinuous by 1e-06",)
+    slow = certify(PANDA.scale(0.5, ("velocity",)), state)
+    assert not slow.is_valid and slow.reasons[0].startswith("velocity of joint") and "NOT valid" in str(slow)
 
 
 def test_a_motion_can_be_retargeted_again_and_again():
