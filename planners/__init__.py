@@ -6,7 +6,12 @@ from planners.files import load_motion, save
 from planners.files.setpoints import load_trajectory
 from planners.following.follow import follow
 from planners.limits import MotionLimits
+from planners.limits.acceleration_by_velocity import AccelerationByVelocity
+from planners.limits.grip import Grip
 from planners.limits.moveit import load_limits
+from planners.limits.open_container import OpenContainer
+from planners.limits.suction import Suction
+from planners.limits.tray import Tray
 from planners.motion import Motion
 from planners.motion.event import Event
 from planners.paths import Path, make_path, paths
@@ -30,17 +35,20 @@ from planners.timing import TimeLaw, laws, make_law
 from planners.trajectory import Trajectory
 
 __all__ = [
+    "AccelerationByVelocity",
     "Arc",
     "Certificate",
     "Chunk",
     "Dwell",
     "Event",
+    "Grip",
     "JogVelocity",
     "JointLine",
     "Line",
     "Motion",
     "MotionLimits",
     "Move",
+    "OpenContainer",
     "Part",
     "Path",
     "PathEvent",
@@ -57,10 +65,12 @@ __all__ = [
     "SearchStatus",
     "Setpoint",
     "Spline",
+    "Suction",
     "TimeLaw",
     "TimedEvent",
     "ToolChange",
     "Trajectory",
+    "Tray",
     "ViaPoint",
     "certify",
     "find_path",

@@ -19,7 +19,7 @@ from typer.core import TyperCommand
 
 import optik
 from benchmarks.cli.misuse import UsageError, describe_usage
-from benchmarks.cli.readers import format_numbers, read_bound, read_configuration, read_held, read_numbers, sample_start
+from benchmarks.cli.readers import format_numbers, read_configuration, read_held, read_limit, read_numbers, sample_start
 from optik.arm.model import unit_factors
 from optik.arm.tips import TIP_ADVICE
 from optik.errors import InvalidInput, RobotModelError, UnknownName
@@ -38,7 +38,8 @@ LIMIT_EXAMPLES = {"velocity": 1, "acceleration": 10, "jerk": 50}
 """Limits that hold for every joint, with examples for messages."""
 LIMIT_HELP = (
     f"Further limit, repeatable: {''.join(f'{name}, ' for name in names('planners.limits'))}or a file, ./weighted_speed.py=3; "
-    "one number, or one for each joint, in the limit's units."
+    "one number, or one for each joint, in the limit's units or with deg or mm; fields as in grip=friction:0.4,force:40; "
+    "vectors as in com:0/0/50mm; none removes one of the robot's."
 )
 """Help of ``--limit``."""
 
@@ -310,7 +311,7 @@ class LimitsCommand(RobotCommand):
         "Limits", "Acceleration limit of every joint [rad/s², prismatic m/s²]; by default the robot's."
     )
     jerk: float | None = option("Limits", "Jerk limit of every joint [rad/s³, prismatic m/s³]; by default the robot's.")
-    limit: list[str] | None = option("Limits", LIMIT_HELP, metavar="NAME=NUMBERS")
+    limit: list[str] | None = option("Limits", LIMIT_HELP, metavar="NAME=VALUE")
     limits: Path | None = option(
         "Limits", "MoveIt's joint_limits.yaml: ranges and limits of the joints; the options above replace its values."
     )
@@ -349,12 +350,12 @@ class LimitsCommand(RobotCommand):
             if not name or name in ALL_LIMITS:
                 advice = f"type --{name.replace('_', '-')} {value}" if name else ""
                 got = repr(f"{name}{equals}{value}")
-                raise InvalidInput("--limit", got, "NAME=NUMBERS of a further limit", advice=advice)
+                raise InvalidInput("--limit", got, "NAME=VALUE of a further limit", advice=advice)
         if self.limits is not None:
             from planners.limits.moveit import read_limits
 
             typed = read_limits(self.limits, arm, self.read_joint_names(arm)).given | typed
-        return typed | {"extra": {name: read_bound(value, "--limit") for name, _, value in pairs}}
+        return typed | {"extra": {name: read_limit(name, value) for name, _, value in pairs}}
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import fields
 from itertools import cycle, islice
 from math import isfinite
 from typing import Any
@@ -48,6 +49,49 @@ def read_bound(text: str, name: str) -> Any:
     """Read the bound of a limit: one number, or several as a list."""
     values = read_numbers(text, name, infinite=True)
     return values if len(values) > 1 else values[0]
+
+
+UNITS = {"deg": ("rad", np.pi / 180.0), "mm": ("m", 1e-3)}
+"""Units that a number may end with: that of the limit which permits it, and the factor."""
+
+
+def read_limit(name: str, text: str) -> Any:
+    """Read the bound of a further limit: numbers, ``none``, or the fields of a record, such as ``friction:0.4,force:40``."""
+    from planners.limits import kind_of
+    from planners.limits.record import RecordLimit
+
+    kind, where = kind_of(name), f"--limit {name}"
+    if text.strip() == "none":
+        return None
+    if not isinstance(kind, RecordLimit):
+        return read_bound(_in_units(text, kind.units[0], where), where)
+    units = {field.name: field.metadata.get("unit", "") for field in fields(kind.record)}
+    pairs = [word.partition(":") for word in text.split(",")]
+    if len(pairs) == 1 and not pairs[0][1]:
+        pairs = [(next(iter(units)), ":", text)]
+    found: dict[str, Any] = {}
+    for key, colon, value in pairs:
+        if not colon or key not in units or key in found:
+            raise InvalidInput(
+                where, repr(text), f"{', '.join(f'{key}:…' for key in units)}, each at most once, or none"
+            )
+        words = value.split("/")
+        if value.removeprefix("-") in ("x", "y", "z"):
+            found[key] = value
+        else:
+            numbers = [read_numbers(_in_units(word, units[key], where), where, 1, infinite=True)[0] for word in words]
+            found[key] = numbers if len(numbers) > 1 else numbers[0]
+    return kind.check(found)
+
+
+def _in_units(text: str, unit: str, where: str) -> str:
+    """Return numbers in SI units from those that end with deg or mm."""
+    for suffix, (of, factor) in UNITS.items():
+        if text.endswith(suffix):
+            if unit.split("/")[0] != of:
+                raise InvalidInput(where, repr(text), f"a number in {unit}, without {suffix}")
+            return repr(float(read_numbers(text.removesuffix(suffix), where, 1)[0] * factor))
+    return text
 
 
 def read_held(texts: list[str] | None) -> dict[str, float] | None:

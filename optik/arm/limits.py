@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from optik.check import check_count, real_array
 from optik.errors import DegreesWarning, InvalidInput
-from optik.types import Array, Flags
+from optik.types import Array, Flags, content
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -48,6 +48,80 @@ def replace_fields(record: R, argument: str, values: Mapping[str, Any]) -> R:
 
 
 @dataclass(frozen=True, eq=False)
+class VelocityByPosition:
+    """Velocity limits that fall towards the ends of the ranges: −offset + √(2 deceleration r) at a distance r from the end.
+
+    Parameters
+    ----------
+    offset : (n,) array
+        Offsets of the velocities [rad/s, m/s].
+    deceleration : (n,) array
+        Decelerations to the ends [rad/s², m/s²]; infinite for a joint without such a limit.
+
+    Raises
+    ------
+    InvalidInput
+        Different lengths, a deceleration that is not above 0, or an offset that is not a finite number.
+    """
+
+    offset: Array
+    deceleration: Array
+
+    def __post_init__(self) -> None:
+        offset = freeze(self.offset, "velocity_by_position.offset")
+        deceleration = check_positive(self.deceleration, offset.size, "velocity_by_position.deceleration")
+        if offset.ndim != 1 or not np.isfinite(offset).all():
+            raise InvalidInput(
+                "velocity_by_position.offset", repr(self.offset)[:60], "one finite number for each joint"
+            )
+        object.__setattr__(self, "offset", offset)
+        object.__setattr__(self, "deceleration", deceleration)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, VelocityByPosition) and content(self.to_plain()) == content(other.to_plain())
+
+    def __hash__(self) -> int:
+        return hash(content(self.to_plain()))
+
+    def to_plain(self) -> dict[str, Any]:
+        """Return plain data for files, which `from_plain` reads back to the last bit.
+
+        Returns
+        -------
+        dict
+            Lists of numbers by name.
+        """
+        return {
+            "offset": self.offset.tolist(),
+            "deceleration": [x if np.isfinite(x) else str(x) for x in self.deceleration.tolist()],
+        }
+
+    @classmethod
+    def from_plain(cls, data: Any, where: str = "velocity_by_position") -> VelocityByPosition:
+        """Return the record from the data of `to_plain`.
+
+        Parameters
+        ----------
+        data : mapping
+            Lists of numbers by name.
+        where : str
+            Its name in errors.
+
+        Returns
+        -------
+        VelocityByPosition
+
+        Raises
+        ------
+        InvalidInput
+            Other data.
+        """
+        if not isinstance(data, Mapping) or set(data) != {"offset", "deceleration"}:
+            raise InvalidInput(where, repr(data)[:60], "a mapping with offset and deceleration")
+        return cls(data["offset"], np.array([float(x) for x in data["deceleration"]]))
+
+
+@dataclass(frozen=True, eq=False)
 class JointLimits:
     """Limits of the joints: position, and optionally velocity, acceleration, jerk, torque and torque rate.
 
@@ -60,6 +134,10 @@ class JointLimits:
     torque, torque_rate : scalar or (n,) array, optional
         Symmetric limits of the joints' torques [N·m, N] and of their rates in time [N·m/s, N/s]; None where unknown,
         infinite for a joint whose limit is unknown.
+    deceleration : scalar or (n,) array, optional
+        Symmetric limits of the decelerations [rad/s², m/s²] where they differ from the accelerations.
+    velocity_by_position : VelocityByPosition, optional
+        Velocity limits near the ends of the ranges.
 
     Raises
     ------
@@ -74,6 +152,8 @@ class JointLimits:
     jerk: Array | None = None
     torque: Array | None = None
     torque_rate: Array | None = None
+    deceleration: Array | None = None
+    velocity_by_position: VelocityByPosition | None = None
 
     def __post_init__(self) -> None:
         lower, upper = freeze(self.lower, "limits.lower"), freeze(self.upper, "limits.upper")
@@ -102,7 +182,7 @@ class JointLimits:
             )
         object.__setattr__(self, "lower", lower)
         object.__setattr__(self, "upper", upper)
-        for field in DYNAMIC_LIMITS:
+        for field in (*DYNAMIC_LIMITS, "deceleration"):
             value = getattr(self, field)
             if value is not None:
                 object.__setattr__(self, field, check_positive(value, lower.size, field))

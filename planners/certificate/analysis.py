@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from functools import cached_property
 
 import numpy as np
@@ -9,18 +10,18 @@ import numpy as np
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
 from optik.types import Array, Flags
-from planners.certificate import checks
+from planners.certificate import checks, peak
 from planners.certificate.bounds import FEW_INTERVALS, MotionBounds, ToolSpeedBounds, tool_speed
 from planners.certificate.effort import stretch_factor
 from planners.certificate.path_error import ERROR_FLOOR, Passage, PathError, path_error
 from planners.certificate.projection import NEAREST_TURN
 from planners.certificate.segment_speed import segment_speed
 from planners.certificate.torque import TORQUE_INTERVALS, TorqueBounds
-from planners.limits.inputs import LimitedMotion, TorqueRatios
+from planners.limits.inputs import Enclose, Evaluate, LimitedMotion, TorqueRatios
 from planners.paths.base import Path
 from planners.trajectory import Trajectory
 
-PATH_INDEPENDENT = ("bounds", "tool_speed", "torques", "jumps", "rest")
+PATH_INDEPENDENT = ("bounds", "tool_speed", "torques", "jumps", "rest", "peaks")
 """Properties of a `MotionAnalysis` that do not depend on the path."""
 
 
@@ -106,6 +107,24 @@ class MotionAnalysis(LimitedMotion):
         rows = slice(3 * part, 3 * part + 3)
         first, last = np.linalg.norm(self.bounds.ends.motion[:, 0, rows], axis=1).reshape(2, -1)
         return first, last
+
+    def states(self, shares: Array) -> tuple[Array, Array]:
+        """Return the joints' derivatives (m, k, 6, n) of order 0 to 5 at fractions (k,) of each piece, and the times (m, k)."""
+        knots = self.trajectory.knots
+        t = knots[:-1, None] + np.diff(knots)[:, None] * shares
+        piece = np.repeat(np.arange(knots.size - 1), shares.size)
+        return self.bounds.joints_at(piece, t.ravel()).reshape(*t.shape, 6, -1), t
+
+    @cached_property
+    def peaks(self) -> dict[Hashable, tuple[float, float]]:
+        """Results of `prove_peak`, by key."""
+        return {}
+
+    def prove_peak(self, key: Hashable, evaluate: Evaluate, enclose: Enclose, excess: float) -> tuple[float, float]:
+        """Return a proved bound on a value over the motion, within a fraction of the largest one found, and its time [s]."""
+        if key not in self.peaks:
+            self.peaks[key] = peak.prove_peak(self.bounds, evaluate, enclose, excess)
+        return self.peaks[key]
 
     @cached_property
     def torques(self) -> TorqueBounds:

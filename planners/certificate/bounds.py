@@ -54,6 +54,30 @@ def tool_bounds(links: Array, prismatic: Flags, D: Array, work: Array, position:
 
 
 @compiled
+def link_bounds(lengths: Array, prismatic: Flags, D: Array, B: Array, P: Array) -> None:
+    """Compute bounds on the derivatives of links 0 to n over an interval: of their rotations, and of their joints' origins.
+
+    Shapes and units: lengths (n,) [m] to each joint from the one before, prismatic (n,), D (6, n) [rad/s^i, m/s^i],
+    B (n + 1, 7) [1/s^i], P (n + 1, 7) [m/s^i].
+    """
+    S = np.zeros(7)
+    B[0, :], P[0, :] = 0.0, 0.0
+    B[0, 0] = 1.0
+    for i in range(prismatic.shape[0]):
+        for k in range(7):
+            P[i + 1, k] = P[i, k] + lengths[i] * B[i, k]
+        if prismatic[i]:
+            for k in range(7):
+                B[i + 1, k] = B[i, k]
+                for m in range(max(0, k - 5), k + 1):
+                    P[i + 1, k] += BINOMIAL[k, m] * B[i, m] * D[k - m, i]
+        else:
+            for k in range(1, 6):
+                S[k] += D[k, i]
+            bell(S, B[i + 1])
+
+
+@compiled
 def joint_bounds(derivatives: Array, h: float, D: Array) -> None:
     """Compute bounds on the derivatives of quintics over [t, t + h]: the Taylor sums of those at t.
 
@@ -124,6 +148,7 @@ class MotionBounds:
         self.robot, self._trajectory = robot, trajectory
         self._c = trajectory.padded
         self.knots: Array = trajectory.knots.copy()  # writable like other times, so that kernels are compiled once
+        self.lengths: Array = np.linalg.norm(robot.fixed[:, :3, 3], axis=1)
         self.links: Array = np.linalg.norm([*robot.fixed[:, :3, 3], robot.tool[:3, 3]], axis=1)
 
     @cached_property

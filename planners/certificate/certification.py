@@ -32,7 +32,7 @@ from planners.certificate.frechet import waypoint_error
 from planners.certificate.path_error import PathError
 from planners.certificate.projection import NEAREST_TURN
 from planners.certificate.sections import cut_between, find_stops, limits_of_parts, merge_certificates, select_worse
-from planners.limits import ALL_LIMITS, LOADED, MotionLimits, check_path
+from planners.limits import ALL_LIMITS, LOADED, MotionLimits, check_path, kind_of
 from planners.paths.base import Path
 from planners.paths.program import ProgramPath
 from planners.paths.waypoints import check_waypoints
@@ -223,6 +223,9 @@ def _check_kinds(robot: Robot, path: Path | None, trajectory: Trajectory, limits
     assert limits is not None
     if path is not None:
         check_path(limits, path)
+    bounds = limits.bounds(robot.n)
+    for name in limits.extra or ():
+        kind_of(name).check_robot(robot, bounds[name])
     return limits
 
 

@@ -44,9 +44,9 @@ from optik.compiled import compiled
 from optik.dynamics import torques_batch
 from optik.kinematics import Chain
 from optik.types import Array, Flags
-from planners.certificate.bounds import joint_bounds
+from planners.certificate.bounds import joint_bounds, link_bounds
 from planners.limits.inputs import TorqueRatios
-from planners.trajectory.curve import BINOMIAL, bell
+from planners.trajectory.curve import BINOMIAL
 
 VALUE_REMAINDER = 1.0 / 384.0
 """Largest distance of a function from its cubic Hermite interpolant, over h⁴ and its fourth derivative."""
@@ -77,23 +77,9 @@ def fourth_bounds(arm: Sizes, D: Array, still: bool, work: Array, out: Array) ->
     """
     lengths, prismatic, mass, com, half, viscous, gravity = arm
     n = mass.shape[0]
-    B, P = work[0], work[1]  # of links 0 to n: derivatives of unit vectors, and of the joints' origins
-    S, motion = np.zeros(7), 0.0 if still else 1.0
-    for k in range(7):
-        B[0, k] = P[0, k] = 0.0
-    B[0, 0] = 1.0
+    B, P, motion = work[0], work[1], 0.0 if still else 1.0
+    link_bounds(lengths, prismatic, D, B, P)
     for i in range(n):
-        for k in range(7):
-            P[i + 1, k] = P[i, k] + lengths[i] * B[i, k]
-        if prismatic[i]:
-            for k in range(7):
-                B[i + 1, k] = B[i, k]
-                for m in range(max(0, k - 5), k + 1):
-                    P[i + 1, k] += BINOMIAL[k, m] * B[i, m] * D[k - m, i]
-        else:
-            for k in range(1, 6):
-                S[k] += D[k, i]
-            bell(S, B[i + 1])
         out[i] = motion * viscous[i] * D[5, i]
     A, V = np.empty(5), np.empty(5)
     for link in range(n):

@@ -11,7 +11,7 @@ from optik.arm.robot import Robot
 from optik.types import Array, Flags, Indices
 from planners.choice.columns import Local, Scales, Window, fill, joint_changes, tool_changes, trace
 from planners.choice.torques import torque_changes
-from planners.limits import PathPoints
+from planners.limits import ALL_LIMITS, PathPoints
 from planners.limits.base import middle_and_half, sides
 from planners.limits.kinds import torque_rate_rows, torque_rows
 from planners.limits.motion_limits import tool_limits_at
@@ -118,7 +118,8 @@ class FreeProgramme:
         self.robot, self.line = robot, LinePath(robot, given.joint_path.path, float(given.s[-1]))
         self.window = Window(basis.values, basis.first.astype(np.int64), np.ascontiguousarray(free))
         self.n, self.K, self.bounds = robot.n, given.s.size - 1, given.limits.bounds(robot.n)
-        self.has = {name: bool(np.isfinite(bound).any()) for name, bound in self.bounds.items()}
+        # it has no columns for further limits: the timing of the chosen path respects them
+        self.has = {name: bool(np.isfinite(self.bounds[name]).any()) for name in ALL_LIMITS}
         length, time = given.units
         self.v1, self.time = length / time, np.array([length / time, length / time**2, length / time**3])
         self.tool_limits = tool_limits_at(given.limits, given.joint_path.path, given.s)

@@ -15,7 +15,7 @@ from optik.arm.robot import Robot
 from optik.check import check_number, real_array
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners.limits.inputs import Extreme, LimitedMotion, PathPoints, ToolExtreme
+from planners.limits.inputs import Extreme, LimitedMotion, LimitedPath, PathPoints, ToolExtreme
 
 PAIR = "a pair (lower, upper), lower < 0 < upper, each a finite number or one for each joint"
 """Description of a valid pair in error messages; both sides may be infinite for a joint without a limit."""
@@ -78,6 +78,8 @@ class Limit(ABC):
     A further limit is a subclass in a file of its own in this folder, named by ``METHOD``, or an object that is registered
     with `planners.limits.register`. The file's stem is its ``name``: its key in motion files, in
     ``MotionLimits(extra=...)``, in `TimeLaw.enforced` and in certificates.
+
+    A bound with several numbers of different meaning is a frozen record; `RecordLimit` is the base of its kind.
 
     Attributes
     ----------
@@ -203,17 +205,74 @@ class Limit(ABC):
             return read_numbers(data, (n,), where)
         return float(read_numbers(data, (), where))
 
+    def scaled(self, value: Any, factor: float) -> Any:
+        """Return a bound multiplied by a factor.
+
+        Parameters
+        ----------
+        value : scalar or (n,) array, or a pair of them, or a record
+            Result of `check` [as `units`].
+        factor : float
+            The factor [1].
+
+        Returns
+        -------
+        float, array or record
+            The scaled bound [as `units`].
+        """
+        return factor * np.asarray(value) if np.ndim(value) else factor * float(value)
+
+    # ------------------------------------------------------------ what it needs
+
+    def is_given(self, bound: Any) -> bool:
+        """Return whether a bound limits anything.
+
+        Parameters
+        ----------
+        bound : array or record
+            Result of `array` [as `units`].
+
+        Returns
+        -------
+        bool
+        """
+        return bool(np.isfinite(bound).any())
+
+    def check_robot(self, robot: Robot, bound: Any) -> None:
+        """Raise InvalidInput for an arm without what the limit needs, such as its shapes.
+
+        Parameters
+        ----------
+        robot : Robot
+            The arm.
+        bound : array or record
+            Result of `array` [as `units`].
+        """
+        return
+
+    def check_still(self, joint_path: LimitedPath, bound: Any) -> None:
+        """Raise NoSolution for a joint path on which the limit is exceeded however slowly the arm moves.
+
+        Parameters
+        ----------
+        joint_path : LimitedPath
+            The joint path.
+        bound : array or record
+            Result of `array` [as `units`].
+        """
+        return
+
     # ------------------------------------------------------------ time laws
 
     @abstractmethod
-    def rows(self, at: PathPoints, bound: Array) -> Array:
+    def rows(self, at: PathPoints, bound: Any) -> Array:
         """Return the coefficients of the limited value over its bound, at points of a joint path.
 
         Parameters
         ----------
         at : PathPoints
             Points of the joint path.
-        bound : (m,) or (2, m) array
+        bound : (m,) or (2, m) array, or record
             Result of `array` [as `units`].
 
         Returns
@@ -242,14 +301,14 @@ class Limit(ABC):
         return robot.joint_names if self.subject is None else (self.subject,)
 
     @abstractmethod
-    def judge(self, motion: LimitedMotion, bound: Array) -> Extreme | ToolExtreme:
+    def judge(self, motion: LimitedMotion, bound: Any) -> Extreme | ToolExtreme:
         """Return the peak value over a motion: exact or a proved bound, not the largest of samples.
 
         Parameters
         ----------
         motion : LimitedMotion
             The motion.
-        bound : (m,) or (2, m) array
+        bound : (m,) or (2, m) array, or record
             Result of `array` [as `units`].
 
         Returns
@@ -259,14 +318,14 @@ class Limit(ABC):
         """
 
     @abstractmethod
-    def piece_ratios(self, motion: LimitedMotion, bound: Array) -> Array:
+    def piece_ratios(self, motion: LimitedMotion, bound: Any) -> Array:
         """Return the peak ratio to the bound on each piece of a motion, which shows the active constraint there.
 
         Parameters
         ----------
         motion : LimitedMotion
             The motion.
-        bound : (m,) or (2, m) array
+        bound : (m,) or (2, m) array, or record
             Result of `array` [as `units`].
 
         Returns
@@ -275,7 +334,27 @@ class Limit(ABC):
             Ratios [1]; 0 where free.
         """
 
-    def stretch_factor(self, motion: LimitedMotion, bound: Array) -> float:
+    def excess(self, motion: LimitedMotion, bound: Any) -> Array:
+        """Return the factors by which the law `optimal` tightens the rows of second and third order on each piece.
+
+        Without an own method they are `piece_ratios`. A limit with a static part returns the dynamic part of each row over the
+        room that its static part leaves.
+
+        Parameters
+        ----------
+        motion : LimitedMotion
+            The motion.
+        bound : (m,) or (2, m) array, or record
+            Result of `array` [as `units`].
+
+        Returns
+        -------
+        (pieces, rows) array
+            Factors [1]; the row is tightened where they exceed 1.
+        """
+        return self.piece_ratios(motion, bound)
+
+    def stretch_factor(self, motion: LimitedMotion, bound: Any) -> float:
         """Return the least factor by which a motion is stretched in time to respect the limit.
 
         A limit with a part that stretching does not change (the torque of gravity) overrides this method, and returns
@@ -285,7 +364,7 @@ class Limit(ABC):
         ----------
         motion : LimitedMotion
             The motion.
-        bound : (m,) or (2, m) array
+        bound : (m,) or (2, m) array, or record
             Result of `array` [as `units`].
 
         Returns
@@ -293,7 +372,7 @@ class Limit(ABC):
         float
             Below 1 if the motion can be faster; 0 if nothing limits it.
         """
-        if not np.isfinite(bound).any():
+        if not self.is_given(bound):
             return 0.0
         ratio = float(np.nanmax(self.judge(motion, bound).ratio))
         return scale_of(ratio, self.order)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Hashable
 from functools import cached_property
 from typing import Any, NamedTuple, Protocol
 
@@ -52,6 +53,13 @@ class ToolExtreme(NamedTuple):
 def plain(values: Array) -> list[float | None]:
     """Return a list of numbers for JSON, with None for infinite and undefined numbers."""
     return [float(v) if np.isfinite(v) else None for v in values]
+
+
+Evaluate = Callable[[Array], Array]
+"""From the joints' derivatives (k, 6, n) to (k, d): the value, then what `Enclose` needs."""
+Enclose = Callable[[Array, Array, Array, Array, Array], Array]
+"""From two results of `Evaluate` at the ends of intervals, their durations (k,) [s], and bounds (k, n + 1, 7) on the
+derivatives of the links' rotations [1/s^i] and of their joints' origins [m/s^i], to upper bounds (k,) on the value inside."""
 
 
 class TorqueRatios(NamedTuple):
@@ -105,6 +113,12 @@ class LimitedMotion(Protocol):
 
     def tool_speed_ends(self, part: int) -> tuple[Array, Array]:
         """Return the tool's speed (m,) at the first and at the last instant of every piece [m/s, rad/s]."""
+
+    def states(self, shares: Array) -> tuple[Array, Array]:
+        """Return the joints' derivatives (m, k, 6, n) of order 0 to 5 at fractions (k,) of each piece, and the times (m, k)."""
+
+    def prove_peak(self, key: Hashable, evaluate: Evaluate, enclose: Enclose, excess: float) -> tuple[float, float]:
+        """Return a proved bound on a value over the motion, within a fraction of the largest one found, and its time [s]."""
 
     def torque_ratios(self, bound: Array, *, rate: bool) -> TorqueRatios:
         """Return proved bounds on the ratios of joint torques, or of their rates, to the limits (2, n)."""

@@ -32,6 +32,19 @@ from planners.paths.base import Path
 from planners.trajectory.curve import monomials
 
 
+def _find_records(robot: Robot) -> dict[str, Any]:
+    """Return the records of further limits that a robot's model has, and the accelerations of an arm that brakes harder."""
+    limits, found = robot.limits, dict[str, Any]()
+    if limits.velocity_by_position is not None:
+        found["velocity_by_position"] = limits.velocity_by_position
+    if limits.deceleration is not None:
+        speeding = np.full(robot.n, np.inf) if limits.acceleration is None else limits.acceleration
+        line = {"acceleration": speeding, "deceleration": limits.deceleration, "free_speed": np.inf}
+        found["acceleration_by_velocity"] = kind_of("acceleration_by_velocity").check(line)
+        found["acceleration"] = np.maximum(speeding, limits.deceleration)
+    return found
+
+
 @dataclass(frozen=True, eq=False)
 class MotionLimits:
     """Limits of a motion, per joint; None where free.
@@ -45,8 +58,7 @@ class MotionLimits:
         Greatest speed of the tool's point [m/s] and of its rotation [rad/s], as Euclidean norms; one, or one for each segment
         of a polyline. A rounded corner has the lesser of the limits of its two segments.
     extra : mapping, optional
-        Bounds of further kinds of limits, by name or by file, such as ``{"./weighted_speed.py": 3.0}``, which is run. Time laws
-        enforce those of first order like velocities, and the others by stretching the whole motion.
+        Bounds of further kinds of limits, by name or by file, such as ``{"./weighted_speed.py": 3.0}``, which is run.
     torque, torque_rate : scalar or (n,) array, optional
         Greatest torques [N·m, N] and torque rates [N·m/s, N/s] of an arm whose masses are known. The torque includes Coulomb
         friction; its rate does not.
@@ -111,7 +123,7 @@ class MotionLimits:
         robot : Robot
             The arm.
         **given
-            Arguments of `MotionLimits`; None removes a limit of the robot.
+            Arguments of `MotionLimits`, and further kinds of limits by name; None removes a limit of the robot.
 
         Returns
         -------
@@ -119,8 +131,10 @@ class MotionLimits:
             Its limits on velocity, acceleration and jerk; with known masses also those on torque and torque rate.
         """
         names = (*DERIVATIVES, *LOADED) if robot.inertia is not None else DERIVATIVES
-        own = {name: getattr(robot.limits, name) for name in names}
-        return MotionLimits(**(own | given), robot_values=own)
+        own = {name: getattr(robot.limits, name) for name in names} | _find_records(robot)
+        values = own | {name: value for name, value in given.items() if name not in ("extra", "robot_values")}
+        extra = {name: values.pop(name) for name in [*values] if name not in ALL_LIMITS and name in limit_names()}
+        return MotionLimits(**values, extra=extra | dict(given.get("extra") or {}), robot_values=own)
 
     @property
     def kinds(self) -> tuple[Limit, ...]:
@@ -166,7 +180,7 @@ class MotionLimits:
         -------
         dict of arrays
             By name: (n,), (2, n) for a pair, lower first, or (1,) for limits of the whole arm [as the limit's units],
-            infinity where free; read-only.
+            infinity where free, read-only; or a record.
 
         Raises
         ------
@@ -234,7 +248,9 @@ class MotionLimits:
             Absolute values over the bound on their side [1]; the limit is respected where they are at most 1.
         """
         kind, bound = kind_of(name), self.bounds(at.joint_path.robot.n)[name]
-        two_sided = bound.ndim == 2 and kind.homogeneous  # the value scales with time, a centered row does not
+        two_sided = (
+            kind.sided and bound.ndim == 2 and kind.homogeneous
+        )  # the value scales with time, a centered row does not
         rows = kind.rows(at, np.ones(bound.shape[1]) if two_sided else bound)
         products = monomials(rates[: kind.order], full=rows.shape[2] > kind.order)
         values = np.einsum("kmi,ik->km", rows, np.stack(products))
@@ -273,9 +289,7 @@ class MotionLimits:
         """
         chosen = self.names if names is None else names
         wider: dict[str, Any] = {
-            name: factor * np.asarray(v) if np.ndim(v) else factor * float(v)
-            for name in chosen
-            if (v := self.value(name)) is not None
+            name: kind_of(name).scaled(v, factor) for name in chosen if (v := self.value(name)) is not None
         }
         extra = None if self.extra is None else {name: wider.pop(name, self.extra[name]) for name in self.extra}
         return replace(self, **wider, extra=extra)

@@ -14,7 +14,7 @@ from planners.certificate.analysis import MotionAnalysis
 from planners.certificate.bounds import MotionBounds
 from planners.certificate.torque import TorqueBounds
 from planners.following.joint_path import JointPath
-from planners.limits import MotionLimits, check_names
+from planners.limits import MotionLimits, check_names, kind_of
 from planners.limits.inputs import TorqueRatios
 from planners.paths.base import Path
 from planners.trajectory import State, Trajectory, shift_pieces
@@ -40,7 +40,7 @@ def stretch_factor(motion: MotionAnalysis, limits: MotionLimits, enforced: tuple
 def is_within(motion: MotionAnalysis, limits: MotionLimits, names: tuple[str, ...]) -> bool:
     """Say whether a motion respects these limits, as the certificate judges them."""
     bounds = limits.bounds(motion.robot.n)
-    chosen = [kind for kind in limits.kinds if kind.name in names and np.isfinite(bounds[kind.name]).any()]
+    chosen = [kind for kind in limits.kinds if kind.name in names and kind.is_given(bounds[kind.name])]
     return all(float(np.nanmax(kind.judge(motion, bounds[kind.name]).ratio)) <= 1.0 for kind in chosen)
 
 
@@ -149,10 +149,14 @@ def _include_rest(found: TorqueRatios, bound: Array, s: float, value: Array, fri
 
 
 def check_statics(joint_path: JointPath, limits: MotionLimits, enforced: tuple[str, ...], since: float = 0.0) -> None:
-    """Raise NoSolution if gravity and friction alone exceed the torque limits along a path, and those are enforced."""
+    """Raise NoSolution if an enforced limit is exceeded along a path however slowly the arm moves."""
+    bounds = limits.bounds(joint_path.robot.n)
+    for name in limits.extra or ():
+        if name in enforced:
+            kind_of(name).check_still(joint_path, bounds[name])
     if limits.torque is None or "torque" not in enforced:
         return
-    given = limits.bounds(joint_path.robot.n)["torque"]
+    given = bounds["torque"]
     bound = np.stack([-given, given]) if given.ndim == 1 else given
     found = static_torque(joint_path, bound, since)
     ratio = np.where(np.isfinite(bound[1]), found.found, 0.0)

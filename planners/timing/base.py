@@ -171,13 +171,17 @@ class TimeLaw(ABC):
         """
         self.need(limits, joint_path.robot)
         moving, bounds = find_moving(joint_path), limits.bounds(joint_path.robot.n)
-        names = (*self.enforced, *(name for name in limits.extra or () if kind_of(name).order == 1))
+        names = (*self.enforced, *(limits.extra or ()))
         if self.enforced and not any(self._is_bounded(joint_path, moving, name, bounds[name]) for name in names):
             refuse_free_motion(joint_path, moving)
 
-    def _is_bounded(self, joint_path: JointPath, moving: Flags, name: str, bound: Array) -> bool:
+    def _is_bounded(self, joint_path: JointPath, moving: Flags, name: str, bound: Any) -> bool:
         """Return whether a limit bounds a part that moves; torques count for laws that respect them by themselves."""
-        kind, given = kind_of(name), np.isfinite(symmetric_bound(bound))
+        kind = kind_of(name)
+        if not isinstance(bound, np.ndarray):
+            rates = kind.rows(PathPoints(joint_path, joint_path.nodes), bound)[..., 0]
+            return bool(np.abs(rates).max() * joint_path.end > NO_JOINT_MOTION)
+        given = np.isfinite(symmetric_bound(bound))
         if kind.subject is None:
             return bool((given & (moving if kind.homogeneous else self.counts_torque)).any())
         rates = kind.rows(PathPoints(joint_path, joint_path.nodes), np.where(given, 1.0, np.inf))[..., 0]
@@ -198,6 +202,9 @@ class TimeLaw(ABC):
         InvalidInput
             A limit that the law needs is missing, or has another number of joints.
         """
+        bounds = limits.bounds(robot.n)
+        for name in limits.extra or ():
+            kind_of(name).check_robot(robot, bounds[name])
         if missing := self.list_missing(limits, robot):
             named, unknown = " and ".join(missing), self.list_missing(MotionLimits.of(robot), robot)
             given = dict.fromkeys((*limits.given_names, *unknown))
@@ -220,10 +227,13 @@ class TimeLaw(ABC):
         Returns
         -------
         list of str
-            Out of velocity, acceleration and jerk; not acceleration if the law respects a given torque limit.
+            Out of velocity, acceleration and jerk; not acceleration if the law respects a given torque limit, and none of the
+            order of a given further limit on every joint.
         """
         bound, by_torque = limits.arrays(robot.n), self.counts_torque and limits.torque is not None
+        further = {kind.order for kind in map(kind_of, limits.extra or ()) if kind.subject is None}
         free = [f for f in DERIVATIVES if f in self.enforced and not np.isfinite(bound[f]).any()]
+        free = [f for f in free if kind_of(f).order not in further]
         return [f for f in free if f != "acceleration" or not by_torque]
 
     def list_enforced(self, limits: MotionLimits) -> tuple[str, ...]:
@@ -320,7 +330,7 @@ def check_motion(law: TimeLaw, motion: object, robot: Robot) -> Trajectory:
 def speed_bound(joint_path: JointPath, limits: MotionLimits, s: Array) -> Array:
     """Return the greatest ṡ by all limits of first order: joint velocity, tool speed, rotation speed and extra ones."""
     at, bounds = PathPoints(joint_path, s), limits.bounds(joint_path.robot.n)
-    first = [kind for kind in limits.kinds if kind.order == 1 and np.isfinite(bounds[kind.name]).any()]
+    first = [kind for kind in limits.kinds if kind.order == 1 and kind.is_given(bounds[kind.name])]
     slowness = np.zeros(s.size)
     for kind in first:
         slowness = np.fmax(slowness, np.abs(kind.rows(at, bounds[kind.name])[:, :, 0]).max(axis=1))

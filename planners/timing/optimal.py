@@ -180,7 +180,7 @@ class Optimal(TimeLaw):
             The motion; None if none is found.
         """
         gentler = limits.scale(GENTLER, ("acceleration",))
-        pairs = any(bound.ndim > 1 for bound in limits.bounds(joint_path.robot.n).values())
+        pairs = any(np.ndim(bound) > 1 for bound in limits.bounds(joint_path.robot.n).values())
         for guessed in (limits, gentler) if pairs else (limits,):
             try:
                 problem = moving_programme(joint_path, limits, self.intervals or STOP_INTERVALS, state, end, guessed)
@@ -213,15 +213,24 @@ def _find_worst_violation(given: TimingProblem) -> tuple[str, str, float, float]
     K, n, joints = given.problem.ds.size, given.joint_path.robot.n, given.joint_path.robot.joint_names
     m, c = given.problem.node.shape[1], _limit_ratios(given.problem, given.start)
     k, i = np.unravel_index(int(np.abs(c).argmax()), c.shape)
-    accelerations = given.rows.node.shape[1] - given.rows.static.shape[1]
+    accelerations = given.rows.node.shape[1] - given.rows.static.shape[1] - sum(given.rows.others[0].values())
     if i < m:
-        limit, place = ("acceleration" if i < accelerations else "torque"), given.s[k]
+        names, place = _name_rows("acceleration", accelerations, given.rows.others[0], "torque", m), given.s[k]
     else:
-        end, row = divmod(i - m, given.problem.edge.shape[2])
-        limit, place = ("jerk" if row < n else "torque rate"), given.s[min(k, K - 1) + end]
-        i = row
-    joint = joints[(i - accelerations if limit == "torque" else i) % n]
-    return limit, joint, float(place), float(np.abs(c[k]).max())
+        end, i = divmod(i - m, given.problem.edge.shape[2])
+        count = given.problem.edge.shape[2]
+        names, place = _name_rows("jerk", n, given.rows.others[1], "torque rate", count), given.s[min(k, K - 1) + end]
+    limit, row, rows = names[i]
+    subject = kind_of(limit).subject if limit in (given.limits.extra or ()) else None
+    joint = joints[row % n if subject is None and rows % n else row * n // rows] if subject is None else subject
+    return limit.replace("_", " "), joint, float(place), float(np.abs(c[k]).max())
+
+
+def _name_rows(first: str, count: int, others: dict[str, int], last: str, rows: int) -> list[tuple[str, int, int]]:
+    """Return the limit of each of so many rows, the number of the row among those of the limit, and how many it has."""
+    counts = {first: count} | others
+    counts[last] = rows - sum(counts.values())
+    return [(name, row, most) for name, most in counts.items() for row in range(most)]
 
 
 def _limit_ratios(problem: Problem, z: Array) -> Array:
@@ -375,20 +384,26 @@ def _excess(given: TimingProblem, motion: Trajectory, z: Array) -> _Excess:
         return _Excess(speed, acceleration[:, : given.rows.node.shape[1]], jerk)
     m, c = given.problem.node.shape[1], _limit_ratios(given.problem, z)
     torque, rate = torque_excess(given.joint_path, limits, given.rows, motion, (c[:, :m], c[:, m:]))
+    second, third = ([kind_of(name).excess(analysis, bounds[name]) for name in names] for names in given.rows.others)
     if not np.isfinite(bounds["acceleration"]).any():
         acceleration = np.empty((torque.shape[0], 0))
-    return _Excess(speed, np.concatenate([acceleration, torque], axis=1), np.concatenate([jerk, rate], axis=1))
+    node, edge = np.concatenate([acceleration, *second, torque], axis=1), np.concatenate([jerk, *third, rate], axis=1)
+    return _Excess(speed, node, edge)
 
 
 def _tool_ratios(given: TimingProblem, trajectory: Trajectory) -> Array:
-    """Return the largest ratios (K,) of sampled tool speeds to their limits on every piece; 0 without a limit."""
-    t, limits, path = trajectory.knots, given.limits, given.joint_path.path
+    """Return the largest ratios (K,) of sampled tool speeds, and of further values of first order, to their limits."""
+    t, limits, path, robot = trajectory.knots, given.limits, given.joint_path.path, given.joint_path.robot
+    most, bounds, analysis = np.zeros(t.size - 1), limits.bounds(robot.n), MotionAnalysis(robot, trajectory)
+    for name in limits.extra or ():
+        if kind_of(name).order == 1:
+            most = np.maximum(most, kind_of(name).piece_ratios(analysis, bounds[name]).max(axis=1))
     if not np.isfinite(limits.tool).any():
-        return np.zeros(t.size - 1)
+        return most
     at = (t[:-1, None] + np.diff(t)[:, None] * np.array([0.2, 0.4, 0.6, 0.8])).ravel()
-    twist = np.einsum("kij,kj->ki", given.joint_path.robot.jacobian(trajectory(at)), trajectory(at, 1))
+    twist = np.einsum("kij,kj->ki", robot.jacobian(trajectory(at)), trajectory(at, 1))
     norms = np.linalg.norm(twist.reshape(-1, 4, 2, 3), axis=3) / tool_limits_between(limits, path, given.s)[:, None]
-    return np.asarray(norms.max(axis=(1, 2)))
+    return np.asarray(np.maximum(most, norms.max(axis=(1, 2))))
 
 
 METHOD = Optimal

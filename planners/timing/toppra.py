@@ -15,7 +15,7 @@ from optik.check import check_count
 from optik.errors import NoSolution
 from optik.types import Array
 from planners.following.follow import JointPath
-from planners.limits import TOOL_SPEEDS, MotionLimits, PathPoints, sides
+from planners.limits import TOOL_SPEEDS, MotionLimits, PathPoints, kind_of, sides
 from planners.timing.base import TimeLaw, refit, speed_bound
 from planners.timing.smooth import least_duration
 from planners.trajectory import Trajectory
@@ -95,7 +95,8 @@ def _grid(joint_path: JointPath, intervals: int) -> Array:
 def _solve_with_friction(joint_path: JointPath, limits: MotionLimits, s: Array) -> Array | None:
     """Return ṡ at the grid points, with viscous friction linearised repeatedly; None if there is no motion."""
     speed = _solve(joint_path, limits, s)
-    if limits.torque is None or not any(load.viscous.any() for load in joint_path.robot.loads):
+    viscous = limits.torque is not None and any(load.viscous.any() for load in joint_path.robot.loads)
+    if not viscous and not _second_order(limits):
         return speed
     around = speed
     for _ in range(VISCOUS_ROUNDS):
@@ -121,6 +122,8 @@ def _solve(joint_path: JointPath, limits: MotionLimits, s: Array, around: Array 
     ]
     if limits.torque is not None:
         constraints.append(_Torque(limits.rows("torque", PathPoints(joint_path, s)), around))
+    for name in _second_order(limits):
+        constraints.append(_Torque(limits.rows(name, PathPoints(joint_path, s)), around))
     try:
         with np.errstate(all="ignore"):
             algorithm = toppra.algorithm.TOPPRA(constraints, _Geometry(joint_path), gridpoints=s)
@@ -131,6 +134,11 @@ def _solve(joint_path: JointPath, limits: MotionLimits, s: Array, around: Array 
         return None
     speed = np.maximum(speed, 0.0)
     return None if (speed[:-1] + speed[1:] <= 0.0).any() else speed
+
+
+def _second_order(limits: MotionLimits) -> list[str]:
+    """Return the names of the further limits of second order."""
+    return [name for name in limits.extra or () if kind_of(name).order == 2]
 
 
 def _refine(joint_path: JointPath, limits: MotionLimits, s: Array, speed: Array) -> tuple[Array, Array]:
@@ -158,8 +166,9 @@ def _peak_ratios(joint_path: JointPath, limits: MotionLimits, s: Array, speed: A
     acceleration = np.repeat(0.5 * np.diff(speed**2) / np.diff(s), u.size)
     rates = np.sqrt(square), acceleration
     points = PathPoints(joint_path, at)
-    asked = [limits.ratios(name, points, rates).max(axis=1) for name in ("acceleration", "torque")]
-    ratio = np.maximum(np.maximum(*asked), rates[0] / speed_bound(joint_path, limits, at))
+    names = ("acceleration", "torque", *_second_order(limits))
+    asked = [limits.ratios(name, points, rates).max(axis=1) for name in names]
+    ratio = np.maximum(np.maximum.reduce(asked), rates[0] / speed_bound(joint_path, limits, at))
     return np.asarray(ratio.reshape(-1, u.size).max(axis=1))
 
 

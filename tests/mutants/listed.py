@@ -411,7 +411,7 @@ LISTED: tuple[tuple[str, str, str], ...] = (
     ("optik/scene/model.py", "else scaled / length", "else direction"),
     ("planners/certificate/torque.py", "VALUE_REMAINDER = 1.0 / 384.0", "VALUE_REMAINDER = 1.0 / 768.0"),
     ("planners/certificate/torque.py", "np.sqrt(3.0)) / 216.0", "np.sqrt(3.0)) / 432.0"),
-    ("planners/certificate/torque.py", "for k in range(1, 6):", "for k in range(1, 5):"),
+    ("planners/certificate/bounds.py", "for k in range(1, 6):", "for k in range(1, 5):"),
     ("planners/certificate/torque.py", "* b[m] * b[6 - m]", "* b[m] * b[5 - m]"),
     ("planners/certificate/torque.py", "if least >= 0.0 and most > 0.0:", "if least >= -1e-3 and most > 0.0:"),
     ("planners/certificate/segment_speed.py", "first[k] : last[k] + 1].min()", "first[k] : last[k]].min()"),

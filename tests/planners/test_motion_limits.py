@@ -27,6 +27,7 @@ from planners.limits import (
     scale_of,
 )
 from planners.limits.inputs import LimitedMotion
+from planners.limits.record import RecordLimit
 from planners.motion.fit import fit_to_limits, stretch_factor
 from tests.oracles import REPOSITORY
 from tests.outside import everything
@@ -93,7 +94,11 @@ def test_the_optimum_uses_its_rows_and_does_not_only_slow_down() -> None:
     assert found.trajectory.duration < 0.95 * slowed
 
 
-@pytest.mark.parametrize("limit", everything("planners.limits"), ids=short_name)
+NUMBERS = [one for one in everything("planners.limits") if not isinstance(kind_of(one), RecordLimit)]
+"""Limits whose bound is a number; test_limit_records.py has the others."""
+
+
+@pytest.mark.parametrize("limit", NUMBERS, ids=short_name)
 def test_every_limit_scales_with_time_and_is_kept(limit: str) -> None:
     kind, law = kind_of(limit), plan(paper6r(), default_line(), START, limits=OUR).trajectory
     one = MotionLimits(extra={limit: 1.0})

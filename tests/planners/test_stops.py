@@ -132,7 +132,7 @@ def test_a_limit_whose_rows_read_the_twist_stops_a_motion(monkeypatch: pytest.Mo
     running = plan(paper6r(), default_line(), START, limits=limits)
     assert running
     PathAcceleration.seen.clear()
-    t = 0.5 * running.trajectory.end
+    t = 0.35 * running.trajectory.end
     stop = replan(running, t, stop=True, time_limit=0.0)
     assert stop and stop.stop_kind is StopKind.SWEEP
     assert 0.9 < stop.certificate.worst("path_acceleration")[0] <= 1.0

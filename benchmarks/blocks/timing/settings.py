@@ -34,7 +34,7 @@ from benchmarks.settings import (
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
 from optik.plugins.usage import resolve_data_file
-from planners.limits import ALL_LIMITS, TOOL_SPEEDS, MotionLimits
+from planners.limits import ALL_LIMITS, TOOL_SPEEDS, MotionLimits, limit_names
 
 LINE_KINDS = {"regular": (0.05, np.inf), "near_singular": (0.02, 0.04)}
 """Range of the smallest singular value along the whole line, for each kind of line."""
@@ -100,11 +100,22 @@ class LimitSet(Settings):
     torque_rate: Any = key("Torque rate limit.", None, "N·m/s, N/s")
     tool_speed: Any = key("Limit on the speed of the tool point.", None, "m/s")
     rotation_speed: Any = key("Limit on the angular speed of the tool.", None, "rad/s")
+    extra: dict[str, Any] = key("Further limits by name, a number or a table of fields; their names are keys, too.", {})
     label: str = Field(default_factory=lambda given: _words(given), description="Name of these limits in reports.")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _further(cls, data: Any) -> Any:
+        """Collect the keys that are names of further limits."""
+        if not isinstance(data, dict):
+            return data
+        further = {name: data[name] for name in data if name not in cls.model_fields and name in limit_names()}
+        rest = {name: value for name, value in data.items() if name not in further}
+        return rest | {"extra": dict(data.get("extra", {})) | further} if further else data
 
     @model_validator(mode="after")
     def _of_motions(self) -> LimitSet:
-        if not self._given:
+        if not self._given and not self.extra:
             raise InvalidInput("", "none", f"some of {', '.join(ALL_LIMITS)}")
         for field in self.own:
             if field in TOOL_SPEEDS:
@@ -124,7 +135,8 @@ class LimitSet(Settings):
     @property
     def limits(self) -> MotionLimits:
         """Limits that are numbers."""
-        return MotionLimits(**{field: value for field, value in self._given.items() if value != OF_ROBOT})
+        numbers = {field: value for field, value in self._given.items() if value != OF_ROBOT}
+        return MotionLimits(**numbers, extra=self.extra)
 
     def of(self, robot: Robot) -> MotionLimits:
         """Return the limits on a robot."""
@@ -154,7 +166,9 @@ def told(limits: MotionLimits, entry: Entry) -> MotionLimits:
 def _words(given: dict[str, Any]) -> str:
     """Describe the limits, in the order of the file."""
     return ", ".join(
-        f"own {field}" if value == OF_ROBOT else str(value) for field, value in given.items() if value is not None
+        f"own {field}" if value == OF_ROBOT else str(value)
+        for field, value in (given | given.get("extra", {})).items()
+        if value is not None and field != "extra"
     )
 
 

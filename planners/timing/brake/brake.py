@@ -276,7 +276,7 @@ class Brake(NamedTuple):
         """The limits of second and third order."""
         bounds = self.limits.bounds(self.running.robot.n)
         chosen = (kind for kind in self.limits.kinds if kind.order > 1 and kind.name in self.scales)
-        return [kind for kind in chosen if np.isfinite(bounds[kind.name]).any()]
+        return [kind for kind in chosen if kind.is_given(bounds[kind.name])]
 
     def run(self, t: float, clock: tuple[float, float], share: float, goal: float = 0.0) -> BrakingMotion:
         """Return the braking motion from time t on: the clock slows from its rate and acceleration `clock` to the rate `goal`.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -110,7 +110,7 @@ def cells_of(
     bounds, rows = limits.bounds(motion.robot.n), {2: [np.empty((ends.size, 0, 4))], 3: [np.empty((ends.size, 0, 6))]}
     centres = [np.empty(0)]
     for kind in limits.kinds:
-        if kind.order > 1 and kind.name in scales and np.isfinite(bounds[kind.name]).any():
+        if kind.order > 1 and kind.name in scales and kind.is_given(bounds[kind.name]):
             found = kind.rows(at, bounds[kind.name])
             padded = np.zeros((ends.size, found.shape[1], rows[kind.order][0].shape[2]))
             padded[..., : found.shape[2]] = found
@@ -127,8 +127,10 @@ def cells_of(
     )
 
 
-def _centre_of(bound: Array) -> Array:
-    """Return the middle of a bound (n,), over half of its width; 0 where it is free."""
+def _centre_of(bound: Any) -> Array:
+    """Return the middle of a bound (n,), over half of its width; 0 where it is free, and for a record."""
+    if not isinstance(bound, np.ndarray):
+        return np.zeros(1)
     middle, half = middle_and_half(*sides(bound))
     return np.asarray(middle / half)
 

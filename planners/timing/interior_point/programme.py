@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from optik.types import Array
 from planners.following.follow import JointPath
-from planners.limits import DERIVATIVES, MotionLimits, find_tool_limit_changes, sides
+from planners.limits import DERIVATIVES, TOOL_SPEEDS, MotionLimits, find_tool_limit_changes, sides
 from planners.timing import _sweep
 from planners.timing._sweep import make_graded_grid
 from planners.timing.base import PathState, find_moving, refuse_free_motion, speed_bound
@@ -210,7 +210,7 @@ def build_programme(
     found, v1 = derivatives(joint_path, s), length / time
     around = derivatives(joint_path, s[:-1] + beside)[3], derivatives(joint_path, s[1:] - beside)[3]
     if moving is not None:  # a motion that cannot be stretched later keeps a margin between grid points
-        limits = limits.scale(TOOL_SPARE, tuple(kind.name for kind in limits.kinds if kind.subject is not None))
+        limits = limits.scale(TOOL_SPARE, (*TOOL_SPEEDS, *(limits.extra or ())))
         limits = limits.scale(TORQUE_SPARE, ("torque", "torque_rate"))
     given = build_rows(joint_path, limits, s, found, around)
     node = given.node * np.array([v1 / time, v1**2, v1, 1.0])

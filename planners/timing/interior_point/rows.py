@@ -14,7 +14,7 @@ from optik.kinematics import Chain
 from optik.types import Array, Flags, Indices
 from planners.certificate.bounds import instants
 from planners.following.follow import JointPath
-from planners.limits import MotionLimits, PathPoints
+from planners.limits import MotionLimits, PathPoints, kind_of
 from planners.limits.base import middle_and_half, sides
 from planners.limits.kinds import torque_rate_rows, torque_rows
 from planners.trajectory import Trajectory
@@ -110,7 +110,8 @@ class Rows(NamedTuple):
     ``node`` (K + 1, m, 4) coefficients of s̈, ṡ², ṡ and 1; ``edge`` (K, 2, e, 6) those of s⃛, ṡ s̈, ṡ³, ṡ, s̈ and ṡ² at both ends
     of each interval; ``lower`` and ``upper`` (K, m − n) the limits [N·m, N] of the torque without Coulomb friction in each
     interval, those of every load side by side, and ``static`` (K + 1, m − n) the torque of gravity. Accelerations and jerks
-    come first, of ``joints`` joints.
+    come first, of ``joints`` joints. Between them and torques and rates are the rows of `MotionLimits.extra`: ``others`` has
+    the names and numbers of those in ``node`` and in ``edge``.
     """
 
     node: Array
@@ -119,11 +120,18 @@ class Rows(NamedTuple):
     upper: Array
     static: Array
     joints: int
+    others: tuple[dict[str, int], dict[str, int]]
 
     @property
     def loaded(self) -> bool:
-        """Whether torques or their rates are limited."""
-        return bool(self.edge.shape[2] > self.joints or self.static.size)
+        """Whether torques or their rates, or further values of second or third order, are limited."""
+        return bool(self.edge.shape[2] > self.joints or self.static.size or self.others[0])
+
+
+def extra_rows(limits: MotionLimits, at: PathPoints, order: int) -> dict[str, Array]:
+    """Return the rows of the further limits of one order, with all columns."""
+    names = [name for name in limits.extra or () if kind_of(name).order == order]
+    return {name: _pad(limits.rows(name, at), 4 if order == 2 else 6) for name in names}
 
 
 def build_rows(
@@ -137,6 +145,10 @@ def build_rows(
     bounds = limits.bounds(joint_path.robot.n)
     node = [_pad(limits.rows("acceleration", at), 4)] if np.isfinite(bounds["acceleration"]).any() else []
     edge = [np.stack([_pad(limits.rows("jerk", side), 6) for side in (first, last)], axis=1)]
+    second, *ends = extra_rows(limits, at, 2), extra_rows(limits, first, 3), extra_rows(limits, last, 3)
+    node += second.values()
+    edge += [np.stack([ends[0][name], ends[1][name]], axis=1) for name in ends[0]]
+    others = {name: x.shape[1] for name, x in second.items()}, {name: x.shape[1] for name, x in ends[0].items()}
     lower = upper = np.empty((s.size - 1, 0))
     static = np.empty((s.size, 0))
     if np.isfinite(bounds["torque"]).any():
@@ -146,7 +158,7 @@ def build_rows(
     if np.isfinite(bounds["torque_rate"]).any():
         edge.append(_rates(at, before, bounds["torque_rate"]))
     nodes = np.concatenate(node, axis=1) if node else np.empty((s.size, 0, 4))
-    return Rows(nodes, np.concatenate(edge, axis=2), lower, upper, static, joint_path.robot.n)
+    return Rows(nodes, np.concatenate(edge, axis=2), lower, upper, static, joint_path.robot.n, others)
 
 
 def _pad(given: Array, columns: int) -> Array:
@@ -283,22 +295,25 @@ def swept_rows(
     """
     bounds = limits.bounds(joint_path.robot.n)
     none = np.empty((s.size, 0))
-    if limits.torque is None and limits.torque_rate is None:
+    if limits.torque is None and limits.torque_rate is None and not limits.extra:
         return none, none, none, np.empty((2, 0))
     first, second, third, most = [none], [none], [none], [np.empty((2, 0))]
     every = np.unique(np.append(np.arange(0, s.size, SWEPT_EVERY), s.size - 1))
     at = PathPoints(joint_path, s[every], tuple(np.ascontiguousarray(x[every]) for x in found))
+    second_order = [*extra_rows(limits, at, 2).values()]
     if np.isfinite(bounds["torque"]).any():
         row, lower, upper = _torques(at, bounds["torque"])
-        row = _center(row, lower, upper, at)
+        second_order.append(_center(row, lower, upper, at))
+    for row in second_order:
         room = np.maximum(1.0 - np.abs(row[..., 3]), LEAST_ROOM)
         first, second, third = [*first, row[..., 0] / room], [*second, row[..., 1] / room], [*third, 0.0 * room]
         most.append(np.vstack([np.ones(room.shape[1]), np.full(room.shape[1], NO_LIMIT)]))
+    third_order = [*extra_rows(limits, at, 3).values()]
     if np.isfinite(bounds["torque_rate"]).any():
-        for load in joint_path.robot.loads:
-            row = torque_rate_rows(at, load) / bounds["torque_rate"][:, None]
-            first, second, third = [*first, row[..., 0]], [*second, row[..., 1] / 3.0], [*third, row[..., 2]]
-            most.append(np.vstack([np.full(row.shape[1], NO_LIMIT), np.ones(row.shape[1])]))
+        third_order += [torque_rate_rows(at, x) / bounds["torque_rate"][:, None] for x in joint_path.robot.loads]
+    for row in third_order:
+        first, second, third = [*first, row[..., 0]], [*second, row[..., 1] / 3.0], [*third, row[..., 2]]
+        most.append(np.vstack([np.full(row.shape[1], NO_LIMIT), np.ones(row.shape[1])]))
     if len(most) == 1:
         return none, none, none, most[0]
     columns = (np.concatenate(x[1:], axis=1) for x in (first, second, third))

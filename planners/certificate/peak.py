@@ -1,0 +1,59 @@
+"""Proved bound on the peak of a value over a motion, by bounds on intervals that are divided where they are not close."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from optik.compiled import compiled
+from optik.types import Array, Flags
+from planners.certificate.bounds import NARROWEST_SHARE, MotionBounds, joint_bounds, link_bounds
+from planners.limits.inputs import Enclose, Evaluate
+
+DIVIDED, DIVISIONS = 4, 40
+"""Parts of a divided interval, and the largest number of divisions."""
+PEAK_INTERVALS = 200_000
+"""Largest number of bounded intervals; the bound on what is left is then not close."""
+
+
+def prove_peak(motion: MotionBounds, evaluate: Evaluate, enclose: Enclose, excess: float) -> tuple[float, float]:
+    """Return a proved bound on a value, at most a fraction `excess` above the largest one found, and the time of that one."""
+    piece, (left, right) = np.arange(motion.knots.size - 1), motion.joint_ends
+    begin, end = motion.knots[:-1].copy(), motion.knots[1:].copy()
+    first, last = evaluate(left), evaluate(right)
+    found, when, proved, count = -np.inf, 0.0, -np.inf, 0
+    for _ in range(DIVISIONS):
+        for at, values in ((begin, first), (end, last)):
+            k = int(values[:, 0].argmax())
+            if values[k, 0] > found:
+                found, when = float(values[k, 0]), float(at[k])
+        h = end - begin
+        B, P = np.empty((2, h.size, motion.robot.n + 1, 7))
+        _link_bounds(motion.lengths, np.asarray(motion.robot.prismatic), left, h, B, P)
+        bound = enclose(first, last, h, B, P)
+        count += h.size
+        wide = (bound > found * (1.0 + excess)) & (h > NARROWEST_SHARE * motion.knots[-1])
+        if count > PEAK_INTERVALS:
+            wide[:] = False
+        proved = max(proved, float(bound[~wide].max(initial=-np.inf)))
+        if not wide.any():
+            break
+        piece, h = np.repeat(piece[wide], DIVIDED), h[wide]
+        cuts = begin[wide, None] + h[:, None] * np.arange(DIVIDED + 1) / DIVIDED
+        cuts[:, -1] = end[wide]
+        inner = motion.joints_at(piece.reshape(-1, DIVIDED)[:, 1:].ravel(), cuts[:, 1:-1].ravel())
+        values = evaluate(inner).reshape(h.size, DIVIDED - 1, -1)
+        left = np.concatenate([left[wide][:, None], inner.reshape(h.size, DIVIDED - 1, *left.shape[1:])], axis=1)
+        left = left.reshape(-1, *left.shape[2:])
+        ends = np.concatenate([first[wide][:, None], values, last[wide][:, None]], axis=1)
+        first, last = (np.ascontiguousarray(x.reshape(-1, x.shape[2])) for x in (ends[:, :-1], ends[:, 1:]))
+        begin, end = cuts[:, :-1].ravel(), cuts[:, 1:].ravel()
+    return max(proved, found), when
+
+
+@compiled
+def _link_bounds(lengths: Array, prismatic: Flags, joints: Array, h: Array, B: Array, P: Array) -> None:
+    """Write the bounds of `link_bounds` (k, n + 1, 7) over [0, h] from the derivatives (k, 6, n) at its beginning."""
+    D = np.empty(joints.shape[1:])
+    for k in range(h.shape[0]):
+        joint_bounds(joints[k], h[k], D)
+        link_bounds(lengths, prismatic, D, B[k], P[k])

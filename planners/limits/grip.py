@@ -1,0 +1,83 @@
+"""Limit for an object between two fingers: it does not slip, and they are not pushed open."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from optik.check import check_number
+from optik.types import Array
+from planners.limits._specific_force import SpecificForceLimit, split
+from planners.limits.record import Record, check_axis, check_optional, check_vector
+
+
+@dataclass(frozen=True)
+class Grip(Record):
+    """A grip of two fingers.
+
+    Parameters
+    ----------
+    friction : float
+        Coefficient μ of friction between a finger and the object [1].
+    force : float
+        Force F with which each finger presses [N].
+    mass : float, optional
+        Mass of the object [kg]; by default the payload's, of an interval the heaviest.
+    axis : (3,) or str
+        The axis along which the fingers close, in the tool's frame; or its name.
+    com : (3,) array, optional
+        Centre of mass of the object in the tool's frame [m]; by default the payload's, or the tool's point.
+    """
+
+    friction: float = field(metadata={"unit": "1"})
+    force: float = field(metadata={"unit": "N"})
+    mass: float | None = field(default=None, metadata={"unit": "kg"})
+    axis: tuple[float, float, float] = (0.0, 1.0, 0.0)
+    com: tuple[float, float, float] | None = field(default=None, metadata={"unit": "m"})
+
+    def __post_init__(self) -> None:
+        check_grip(self, "grip")
+
+
+def check_grip(record: Any, name: str) -> None:
+    """Check and normalise the fields of a record with friction, force, mass, axis and com."""
+    for key, unit in (("friction", "1"), ("force", "N")):
+        value = check_number(getattr(record, key), f"{name}.{key}", f"a number above 0 [{unit}]", above=0.0)
+        object.__setattr__(record, key, value)
+    object.__setattr__(record, "mass", check_optional(record.mass, f"{name}.mass", "kg"))
+    object.__setattr__(record, "axis", check_axis(record.axis, f"{name}.axis"))
+    if record.com is not None:
+        object.__setattr__(record, "com", check_vector(record.com, f"{name}.com"))
+
+
+class GripLimit(SpecificForceLimit):
+    """m |f_t| ≤ 2 μ F across the axis of the fingers, and m |f_n| ≤ F along it."""
+
+    name: ClassVar[str] = "grip"
+    record: ClassVar[Any] = Grip
+
+    def axis(self, bound: Grip) -> Array:
+        """Return the axis along which the fingers close."""
+        return np.asarray(bound.axis)
+
+    def faces(self, bound: Grip, mass: float, around: Array) -> tuple[Array, Array]:
+        """Return the faces across the axis, and the two along it."""
+        n = np.broadcast_to(self.axis(bound), (len(around), 1, 3))
+        most = bound.force / mass
+        return np.concatenate([around, n, -n], axis=1), np.array(
+            [2.0 * bound.friction * most] * around.shape[1] + [most] * 2
+        )
+
+    def measure(self, bound: Grip, mass: float, f: Array, off: Array | float = 0.0) -> Array:
+        """Return the larger of both ratios."""
+        along, across = split(f, self.axis(bound))
+        return mass / bound.force * np.maximum((across + off) / (2.0 * bound.friction), np.abs(along) + off)
+
+    def scaled(self, value: Grip, factor: float) -> Grip:
+        """Return the grip with its force multiplied by a factor."""
+        return replace(value, force=factor * value.force)
+
+
+METHOD = GripLimit

@@ -1,0 +1,70 @@
+"""Limit on the tilt of an open container: the angle between the apparent gravity and its axis."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar
+
+from optik.check import check_number
+from planners.limits._specific_force import TiltLimit
+from planners.limits.record import Record, check_axis, check_vector
+
+
+@dataclass(frozen=True)
+class OpenContainer(Record):
+    """A container that must not spill.
+
+    Parameters
+    ----------
+    angle : float
+        Greatest angle between the apparent gravity and the container's axis [rad].
+    axis : (3,) or str
+        The axis that points up, in the tool's frame; or a name such as ``"-z"``.
+    com : (3,) array, optional
+        The point at which the acceleration counts, in the tool's frame [m]; by default the payload's centre of mass, or the
+        tool's point.
+    """
+
+    angle: float = field(metadata={"unit": "rad"})
+    axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    com: tuple[float, float, float] | None = field(default=None, metadata={"unit": "m"})
+
+    def __post_init__(self) -> None:
+        expected = "an angle above 0 and below π/2 [rad]"
+        object.__setattr__(self, "angle", check_number(self.angle, "open_container.angle", expected, above=0.0))
+        check_number(1.5707 - self.angle, "open_container.angle", expected, above=0.0)
+        object.__setattr__(self, "axis", check_axis(self.axis, "open_container.axis"))
+        if self.com is not None:
+            object.__setattr__(self, "com", check_vector(self.com, "open_container.com"))
+
+    @property
+    def largest_angle(self) -> float:
+        """The greatest angle [rad]."""
+        return self.angle
+
+    def scaled(self, factor: float) -> OpenContainer:
+        """Return the container with its angle multiplied by a factor.
+
+        Parameters
+        ----------
+        factor : float
+            The factor [1].
+
+        Returns
+        -------
+        OpenContainer
+        """
+        return replace(self, angle=factor * self.angle)
+
+
+class OpenContainerLimit(TiltLimit):
+    """The surface of the content stays within the spill angle, if it follows the apparent gravity at once.
+
+    It is quasi-static: a liquid that swings reaches more.
+    """
+
+    name: ClassVar[str] = "open_container"
+    record: ClassVar[Any] = OpenContainer
+
+
+METHOD = OpenContainerLimit

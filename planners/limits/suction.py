@@ -1,0 +1,69 @@
+"""Limit for an object that hangs at a suction cup: it neither slips nor comes off."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from optik.types import Array
+from planners.limits._specific_force import SpecificForceLimit, split
+from planners.limits.grip import check_grip
+from planners.limits.record import Record
+
+
+@dataclass(frozen=True)
+class Suction(Record):
+    """A suction cup.
+
+    Parameters
+    ----------
+    friction : float
+        Coefficient μ of friction between the cup and the object [1].
+    force : float
+        Force F with which the vacuum presses the object to the cup [N].
+    mass : float, optional
+        Mass of the object [kg]; by default the payload's, of an interval the heaviest.
+    axis : (3,) or str
+        The axis from the cup to the object, in the tool's frame; or its name.
+    com : (3,) array, optional
+        Centre of mass of the object in the tool's frame [m]; by default the payload's, or the tool's point.
+    """
+
+    friction: float = field(metadata={"unit": "1"})
+    force: float = field(metadata={"unit": "N"})
+    mass: float | None = field(default=None, metadata={"unit": "kg"})
+    axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    com: tuple[float, float, float] | None = field(default=None, metadata={"unit": "m"})
+
+    def __post_init__(self) -> None:
+        check_grip(self, "suction")
+
+
+class SuctionLimit(SpecificForceLimit):
+    """m |f_t| ≤ μ (F − m f_n), where f_n pulls the object from the cup."""
+
+    name: ClassVar[str] = "suction"
+    record: ClassVar[Any] = Suction
+
+    def axis(self, bound: Suction) -> Array:
+        """Return the axis from the cup to the object."""
+        return np.asarray(bound.axis)
+
+    def faces(self, bound: Suction, mass: float, around: Array) -> tuple[Array, Array]:
+        """Return the faces of the cone whose tip is F / m."""
+        return around / bound.friction + self.axis(bound), np.full(around.shape[1], bound.force / mass)
+
+    def measure(self, bound: Suction, mass: float, f: Array, off: Array | float = 0.0) -> Array:
+        """Return m (|f_t| / μ + f_n) / F."""
+        along, across = split(f, self.axis(bound))
+        steep = np.hypot(1.0, 1.0 / bound.friction)
+        return np.asarray(mass / bound.force * np.maximum(across / bound.friction + along + steep * off, 0.0))
+
+    def scaled(self, value: Suction, factor: float) -> Suction:
+        """Return the cup with its force multiplied by a factor."""
+        return replace(value, force=factor * value.force)
+
+
+METHOD = SuctionLimit
