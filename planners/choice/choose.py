@@ -67,6 +67,8 @@ class FreedomResult:
         Initial guesses that were tried, and Newton steps in all.
     distance, angle : float
         Proved bounds on the tool's distance [m] and angle [rad] to the given path; NaN for a path in joint space.
+    unknown : tuple of str
+        Further limits, which the choice does not know: only the timing of the chosen path respects them.
     """
 
     fixed_duration: float
@@ -80,12 +82,14 @@ class FreedomResult:
     steps: int = 0
     distance: float = float("nan")
     angle: float = float("nan")
+    unknown: tuple[str, ...] = ()
 
     def __str__(self) -> str:
         moved = self.ranges if self.gain > 0.0 else ()
         ranges = "; ".join(f"{one.name} {one.reached[0]:.3g} to {one.reached[1]:.3g} {one.unit}" for one in moved)
         saved = f", {100.0 * self.gain:.3g} % shorter than {self.fixed_duration:.4g} s" if self.gain > 0.0 else ""
-        return f"  freedoms: {self.outcome}{saved}{'; ' + ranges if ranges else ''}"
+        unknown = f"; chosen without {', '.join(self.unknown)}" if self.unknown else ""
+        return f"  freedoms: {self.outcome}{saved}{'; ' + ranges if ranges else ''}{unknown}"
 
 
 Parts = tuple[Basis, Flags, int, ToolCoordinates | None]
@@ -327,4 +331,5 @@ def report(
     gain = 1.0 - best.trajectory.duration / fixed
     most, off = path.most_deviation if isinstance(path, FreePath) else (np.nan, np.nan), best.certificate.path_error
     near = off.distance + most[0], off.angle + most[1]
-    return FreedomResult(fixed, gain, outcome, path.ranges, s, values, gradient, starts, steps, *near)
+    unknown = tuple(best.certificate.extra)
+    return FreedomResult(fixed, gain, outcome, path.ranges, s, values, gradient, starts, steps, *near, unknown)

@@ -54,7 +54,7 @@ def check_axis(value: Any, argument: str) -> tuple[float, float, float]:
     vector = np.array(check_vector(value, argument))
     if not (length := float(np.linalg.norm(vector))) > 0.0:
         raise InvalidInput(argument, repr(value)[:60], "an axis of a length above 0")
-    return tuple((vector if abs(length - 1.0) < 1e-12 else vector / length).tolist())
+    return tuple(((vector if abs(length - 1.0) < 1e-12 else vector / length) + 0.0).tolist())
 
 
 def check_optional(value: Any, argument: str, unit: str, *, least: float = 0.0) -> float | None:
