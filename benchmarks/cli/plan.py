@@ -50,6 +50,10 @@ AVOID_HELP = (
 """Help of ``--avoid``."""
 MASS = "a mass [kg] such as 3, or an interval such as 0:3"
 """Values of ``--payload``."""
+SLOWED_TO = ("rms_torque", "cycle", "stopping_time", "stopping_distance")
+"""Options to which the whole motion is slowed."""
+LAWS_WITH = {"speed": "constant_speed", "quiet": "optimal"}
+"""Options of time laws, and the law that has each."""
 TORQUE_UNITS = {"torque": "[N·m, prismatic N]", "torque_rate": "[N·m/s, prismatic N/s]"}
 """Units of torque limits, for messages."""
 
@@ -103,6 +107,9 @@ class PlanCommand(MotionCommand, SceneCommand):
     )
     duration: float | None = option("Method", "Duration of the motion [s]; by default the shortest.")
     strict: bool = option("Method", "Fail instead of stretching the duration to meet the limits.", False, "--strict")
+    quiet: float | None = option(
+        "Method", "Frequency [1/s] of an elastic mode that the motion leaves at rest, with --timing optimal."
+    )
     tool_speed: str | None = numbers(
         "Limits", "Limit on the speed of the tool point [m/s]; for a polyline also one per segment: 0.1,0.3."
     )
@@ -115,6 +122,12 @@ class PlanCommand(MotionCommand, SceneCommand):
     torque_rate: str | None = numbers(
         "Limits", "Torque rate limits [N·m/s, prismatic N/s]: robot (default), none, or numbers."
     )
+    rms_torque: str | None = numbers(
+        "Limits", "Greatest rms torques over a cycle [N·m, prismatic N]; the whole motion is slowed."
+    )
+    cycle: float | None = option("Limits", "Duration of that cycle [s]: the motion and rest at its end.")
+    stopping_time: float | None = option("Limits", "Greatest duration of a stop [s]; the whole motion is slowed.")
+    stopping_distance: float | None = option("Limits", "Greatest way of a stop along the path [m, or rad].")
     allow: list[str] | None = option("Limits", ALLOW_HELP)
     avoid: bool = option("Scene", AVOID_HELP, False, "--avoid")
     out: Path | None = option("Output", f"File for the motion: {MOTION_SUFFIXES}, or .yaml for ROS.")
@@ -164,6 +177,11 @@ class PlanCommand(MotionCommand, SceneCommand):
         allow, arm = read_allowed(self.allow), start.arm
         law = self.make_law()
         plan = self.plan(start, path, law, [word for word in allow if word in LIMIT_WORDS])
+        typed: dict[str, Any] = {name: value for name in SLOWED_TO if (value := getattr(self, name)) is not None}
+        if self.rms_torque is not None:
+            typed["rms_torque"] = read_bound(self.rms_torque, "--rms-torque")
+        if plan and typed:
+            plan = plan.slowed_to(**typed)
         refused = find_forbidden(plan.certificate, allow) if plan.has_motion else ()
         valid = plan.has_motion and not refused
         sent = None
@@ -198,14 +216,14 @@ class PlanCommand(MotionCommand, SceneCommand):
         """Return the time law, at the typed speed."""
         import planners
 
-        if self.speed is None:
-            return planners.make_law(self.timing)
+        typed = {name: value for name in LAWS_WITH if (value := getattr(self, name)) is not None}
         try:
-            return planners.make_law(self.timing, speed=self.speed)
+            return planners.make_law(self.timing, **typed)
         except InvalidInput as error:
             if error.argument == "options":
-                typed = f"{self.speed:g} with --timing {self.timing}"
-                raise InvalidInput("--speed", typed, "a law with a speed: --timing constant_speed") from None
+                name, value = next((one, value) for one, value in typed.items() if LAWS_WITH[one] != self.timing)
+                expected = f"a law with this option: --timing {LAWS_WITH[name]}"
+                raise InvalidInput(f"--{name}", f"{value:g} with --timing {self.timing}", expected) from None
             raise
 
     def load(self, name: str = "") -> optik.Robot:

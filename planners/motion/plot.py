@@ -86,28 +86,33 @@ def motion_card(title: str, motion: Motion, proof: Certificate) -> Card:
     )  # fmt: skip
 
 
-def plot_motion(motion: Motion, proof: Certificate) -> Any:
-    """Return a figure of Plotly: every joint over time against its limits, and the active constraint of each segment."""
+def plot_motion(motion: Motion, proof: Certificate, stops: tuple[Array, Array] | None = None) -> Any:
+    """Return a figure of Plotly: every joint over time against its limits, and the active constraint of each segment.
+
+    `stops` are times of the motion and the durations of the stops from them.
+    """
     try:
         from plotly.subplots import make_subplots
     except ModuleNotFoundError:
         raise MissingDependency("plotly", "plan.plot()", "plot") from None
     robot, t = motion.robot, _instants(motion)
     rows = [(one, found) for one in QUANTITIES if (found := _curves(motion, one, t)) is not None]
-    titles = [f"{one.title} [{one.unit(robot)}]" for one, _ in rows]
+    titles = [f"{one.title} [{one.unit(robot)}]" for one, _ in rows] + ["stopping time [s]"] * (stops is not None)
     figure = make_subplots(
-        len(rows) + 1, 1, shared_xaxes=True, vertical_spacing=0.035, subplot_titles=[*titles, "active constraint"],
-        row_heights=[1.0] * len(rows) + [0.25],
+        len(titles) + 1, 1, shared_xaxes=True, vertical_spacing=0.035, subplot_titles=[*titles, "active constraint"],
+        row_heights=[1.0] * len(titles) + [0.25],
     )  # fmt: skip
+    if stops is not None:
+        figure.add_scatter(x=stops[0], y=stops[1], showlegend=False, line={"color": COLOURS[0]}, row=len(titles), col=1)
     for row, (quantity, values) in enumerate(rows, 1):
         _add_curves(figure, row, robot, t, values, _bounds(robot, motion.limits, quantity.limit))
-    _add_active(figure, proof, len(rows) + 1)
-    figure.update_yaxes(visible=False, row=len(rows) + 1)
-    figure.update_xaxes(title="t [s]", row=len(rows) + 1)
+    _add_active(figure, proof, len(titles) + 1)
+    figure.update_yaxes(visible=False, row=len(titles) + 1)
+    figure.update_xaxes(title="t [s]", row=len(titles) + 1)
     figure.update_annotations(font_size=13, x=0.0, xanchor="left")
     title = f"{robot.name}, {motion.law or 'a motion'}: {proof.duration:.4g} s; {summary_lines(proof)[0]}"
     heading = {"text": title, "font": {"size": 14}}
-    figure.update_layout(height=ROW_HEIGHT * len(rows) + 120, title=heading, margin={"t": 70, "b": 40})
+    figure.update_layout(height=ROW_HEIGHT * len(titles) + 120, title=heading, margin={"t": 70, "b": 40})
     return figure
 
 

@@ -223,6 +223,8 @@ def _scale_to_duration(trajectory: Trajectory, duration: float, law: TimeLaw) ->
             f"the law's speed is {law.speed:.6g}, which takes {trajectory.duration:.9g} s",
             advice=f"omit duration, or use {law.name} without a speed, so that the speed follows from the duration",
         )
+    if getattr(law, "quiet", None) and abs(duration / trajectory.duration - 1.0) > SAME_SPEED:
+        raise InvalidInput("duration", f"{duration:.6g} s with the law {law.name}", "none: it moves the frequency")
     if law.enforced and duration < trajectory.duration:
         least = np.ceil(1e4 * trajectory.duration) / 1e4
         raise NoSolution(

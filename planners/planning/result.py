@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass, field, fields
-from typing import Any, NamedTuple
+from functools import cached_property
+from importlib import import_module
+from typing import Any, NamedTuple, Self
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from optik.arm.robot import Robot
 from optik.card import Card
@@ -76,6 +79,8 @@ class Plan:
         How the whole path was resolved, if it was: layers, configurations, computing time.
     search : SearchReport or None
         How the way around obstacles was found, of a plan with ``avoid``.
+    stop_step : float or None
+        Time [s] between the instants whose stops `slowed_to` checked: `replan` also stops from the next one.
     seconds : PlanSeconds
         Durations of the parts of planning (after `replan` of the certificate only). They do not count in a comparison of plans.
     """
@@ -101,6 +106,7 @@ class Plan:
     freedom: FreedomResult | None = field(default=None, compare=False)
     search: SearchReport | None = field(default=None, compare=False)
     resolution: Resolution | None = field(default=None, compare=False)
+    stop_step: float | None = None
 
     @property
     def within_limits_from(self) -> float:
@@ -134,7 +140,7 @@ class Plan:
         Returns
         -------
         plotly.graph_objects.Figure
-            With the active constraint of every segment of the motion below.
+            With the active constraint of every segment of the motion below; and the stopping time, if `stopping` was read.
 
         Raises
         ------
@@ -143,7 +149,8 @@ class Plan:
         MissingDependency
             Plotly is not installed.
         """
-        return plot_motion(self.motion, self.certificate)
+        stops = vars(self).get("stopping")
+        return plot_motion(self.motion, self.certificate, None if stops is None else (stops.t, stops.time))
 
     def show(self) -> Page:
         """Show the motion: in the cell of a notebook, else in the browser.
@@ -210,6 +217,41 @@ class Plan:
             return None
         return compute_least_duration(self.goal - self.trajectory(0.0), self.limits)
 
+    @cached_property
+    def stopping(self) -> Any:
+        """Certified stops along the motion: arrays ``t`` [s], ``time`` [s] and ``distance`` [m, or rad] along the path."""
+        return _finish().find_stops(self)
+
+    def slowed_to(
+        self, *, rms_torque: ArrayLike | None = None, cycle: float | None = None, stopping_time: float | None = None,
+        stopping_distance: float | None = None,
+    ) -> Self:  # fmt: skip
+        """Return the plan with its motion slowed as a whole, until it respects further limits; itself if it does.
+
+        Parameters
+        ----------
+        rms_torque : scalar or (n,) array, optional
+            Greatest root mean square of each joint's torque over a cycle [N·m, N], friction included, for every load.
+        cycle : float, optional
+            Duration of a cycle [s]: the motion, and rest at its end, in which the static torque counts. By default the motion.
+        stopping_time, stopping_distance : float, optional
+            Greatest duration [s] and greatest way along the path [m, or rad] of the stop that `replan` with ``stop=True`` finds
+            at any time of the motion.
+
+        Returns
+        -------
+        Plan
+            Of the same kind, certified. Of a program every section is slowed by the same factor; the waits stay.
+
+        Raises
+        ------
+        InvalidInput
+            A plan without a valid motion, an invalid limit, or a cycle that is shorter than the motion.
+        NoSolution
+            A limit that no slower motion respects: with the joint and its torque, or with the least that was reached.
+        """
+        return _finish().slow_to(self, rms_torque, cycle, stopping_time, stopping_distance)  # type: ignore[no-any-return]
+
     @property
     def events(self) -> tuple[Event, ...]:
         """The events of the motion: none, except in the plan of a program (`ProgramPlan.schedule`)."""
@@ -244,6 +286,8 @@ class Plan:
         if self._trajectory is None:
             return out
         motion, t = self._trajectory, self._trajectory.knots
+        if "stopping" in vars(self):
+            out["stopping"] = {name: values.tolist() for name, values in self.stopping._asdict().items()}
         return out | {
             "duration": motion.duration,
             "slowed": self.slowed,
@@ -252,6 +296,7 @@ class Plan:
             "within_limits_from": self.within_limits_from,
             "start_error": None if self.start_error is None else list(self.start_error),
             "stop_kind": self.stop_kind,
+            "stop_step": self.stop_step,
             "joint_names": list(self.robot.joint_names),
             "goal": self.goal.tolist(),
             "events": events_to_plain(self.events),
@@ -305,6 +350,11 @@ class Plan:
             The file cannot be written.
         """
         return save(self.motion, file, format=format, rate=rate, allow=allow)
+
+
+def _finish() -> Any:
+    """Return the module that stops and slows plans; it imports this one."""
+    return import_module("planners.replan.finish")
 
 
 def _freedom_to_dict(chosen: FreedomResult) -> dict[str, Any]:

@@ -21,6 +21,7 @@ from planners.plan import Plan, plan
 from planners.program.events import Scheduled, TimedEvent
 from planners.program.result import ProgramPlan, build_plan
 from planners.replan.state import BEFORE_END, check_measured, find_nearest_time
+from planners.timing.base import read_law
 
 OFF_MOTION = 1e-4
 """Distance of a measured configuration [rad, m] from the motion beyond which its section is the nearest one in space."""
@@ -154,7 +155,7 @@ def _limits_of(running: ProgramPlan, i: int, limits: MotionLimits) -> MotionLimi
 
 def _plan_again(section: Plan, changed: dict[str, Any]) -> Plan:
     """Return a section from rest to rest under changed arguments."""
-    timing = changed["timing"] or section.law
+    timing = changed["timing"] or read_law(section.law)
     assert section.certificate.tolerance is not None
     return plan(
         section.robot, section.path, None if section.path.in_joints else section.joint_path(0.0),

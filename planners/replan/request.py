@@ -18,7 +18,7 @@ from planners.planning.request import PlanRequest
 from planners.planning.result import Plan
 from planners.replan.state import MovingState
 from planners.timing import LawLike, TimeLaw, laws, make_law
-from planners.timing.base import PathState, StopKind, check_motion
+from planners.timing.base import QUIET, PathState, StopKind, check_motion
 from planners.timing.optimal import Optimal
 from planners.trajectory import Trajectory
 
@@ -64,8 +64,9 @@ def build_request(
 
 def _own_law(plan: Plan) -> TimeLaw:
     """Return the plan's own law if it can start from a moving state; else a record that enforces the same limits."""
-    if plan.law in laws() and plan.speed is None:
-        law = make_law(plan.law)
+    name = plan.law.partition(QUIET)[0]  # from a moving state nothing is averaged
+    if name in laws() and plan.speed is None:
+        law = make_law(name)
         if type(law).run_from is not TimeLaw.run_from:
             return law
     return RecordedLaw(plan)

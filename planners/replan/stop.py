@@ -13,7 +13,7 @@ from planners.motion.fit import match_start
 from planners.planning.request import PlanRequest
 from planners.planning.result import Plan
 from planners.replan.request import certify_motion, explain_infeasible
-from planners.replan.state import MovingState, s_at
+from planners.replan.state import MovingState, build_moving_state, s_at
 from planners.timing.base import StopKind
 from planners.timing.brake import Brake, BrakingMotion, RunningMotion
 from planners.timing.optimal import Optimal
@@ -38,6 +38,7 @@ def plan_stop(request: PlanRequest, start: MovingState, time_limit: float) -> Pl
     If no stop respects lower limits, the plan's own limits hold until the arm is at rest.
     """
     first, limits = _find_stop(request, start, time_limit), start.plan_limits
+    first = _stop_later(request, start, first)
     if first or request.limits == limits or request.limits.names != limits.names:
         return first
     old = _find_stop(replace(request, limits=limits), start, time_limit)
@@ -46,6 +47,20 @@ def plan_stop(request: PlanRequest, start: MovingState, time_limit: float) -> Pl
     later = replace(request, before=(limits, old.trajectory.end))
     assert old.span is not None
     return certify_motion(later, start, old.trajectory, old.stop_kind, old.span[1])
+
+
+def _stop_later(request: PlanRequest, start: MovingState, first: Plan) -> Plan:
+    """Return a stop, or the shorter one from the next instant whose stop `Plan.slowed_to` checked."""
+    step, plan = start.plan.stop_step, start.plan
+    t = np.inf if step is None else step * (np.floor(start.t / step + 1e-9) + 1.0)
+    if step is None or start.rest is None or start.error is not None or t - start.t >= start.rest.end:
+        return first
+    checked = _find_stop(replace(request, start_error=None), build_moving_state(plan, plan.trajectory, t), 0.0)
+    if not checked or (first and first.duration <= t - start.t + checked.duration):
+        return first
+    motion = join(cut_after(start.rest, t - start.t), checked.trajectory.without_s)
+    later = certify_motion(request, start, motion, checked.stop_kind, None if checked.span is None else checked.span[1])
+    return later or first
 
 
 def _find_stop(request: PlanRequest, start: MovingState, time_limit: float) -> Plan:

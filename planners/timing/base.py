@@ -285,6 +285,16 @@ def laws() -> tuple[str, ...]:
     return names("planners.timing")
 
 
+QUIET = ", quiet "
+"""What the name of the law `optimal` has before the frequency of a mode that it leaves at rest."""
+
+
+def read_law(name: str) -> TimeLaw:
+    """Return the law of a plan or file by the name that it has there."""
+    base, quiet, frequency = name.partition(QUIET)
+    return make_law(base, quiet=float(frequency.removesuffix(" Hz"))) if quiet else make_law(base)
+
+
 LawLike: TypeAlias = str | os.PathLike[str] | type[TimeLaw] | TimeLaw
 """A time law: its name, file or class, or a law that is built."""
 

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from optik.check import check_count
+from optik.check import check_count, check_number
 from optik.errors import NoSolution
 from optik.types import Array
 from planners.certificate.analysis import MotionAnalysis
 from planners.following.follow import JointPath
 from planners.limits import ALL_LIMITS, DERIVATIVES, MotionLimits, kind_of, tool_limits_between
 from planners.motion.fit import FIRST_MARGIN, fit, fit_to_limits, is_within, match_start
-from planners.timing.base import PathState, TimeLaw
+from planners.timing._quiet import plan_quiet
+from planners.timing.base import QUIET, PathState, TimeLaw
 from planners.timing.interior_point import iteration
 from planners.timing.interior_point.newton import Iterate, Problem
 from planners.timing.interior_point.programme import (
@@ -81,20 +83,27 @@ class Optimal(TimeLaw):
         long polylines. Fewer intervals make the motion longer. With the default, it is about 0.1 % longer than the optimum
         on lines, and up to 5 % longer on polylines with sharp corners; more intervals help there.
 
+    quiet : float, optional
+        Frequency of an elastic mode [1/s] that the motion leaves at rest: s(t) is averaged over its period, of a motion that is
+        planned with a higher jerk. Stops, and motions that start while the arm moves, are not averaged.
+
     Raises
     ------
     InvalidInput
-        Fewer than 8 intervals.
+        Fewer than 8 intervals, or a frequency that is not above 0.
     """
 
     name: ClassVar[str] = "optimal"
     enforced: ClassVar[tuple[str, ...]] = ALL_LIMITS
     counts_torque: ClassVar[bool] = True
 
-    def __init__(self, *, intervals: int | None = None) -> None:
+    def __init__(self, *, intervals: int | None = None, quiet: float | None = None) -> None:
         if intervals is not None:
             check_count(intervals, "intervals", 8)
-        self.intervals = intervals
+        if quiet is not None:
+            quiet = check_number(quiet, "quiet", "a frequency above 0 [1/s]", above=0.0)
+            self.name = f"{type(self).name}{QUIET}{quiet:.9g} Hz"  # type: ignore[misc]
+        self.intervals, self.quiet = intervals, quiet
 
     def _time(self, joint_path: JointPath, limits: MotionLimits) -> MotionAnalysis:
         return self.run_with_optimum(joint_path, limits)[0]
@@ -124,6 +133,13 @@ class Optimal(TimeLaw):
             The iteration found no motion.
         """
         self.check(joint_path, limits)
+        if self.quiet is None:
+            return self._run(joint_path, limits, density)
+        base = partial(self._run, density=density)
+        return plan_quiet(base, joint_path, limits, self.list_enforced(limits), self.quiet)
+
+    def _run(self, joint_path: JointPath, limits: MotionLimits, density: float = 1.0) -> tuple[MotionAnalysis, Optimum]:
+        """Return the motion without an average, with its analysis, and the optimum."""
         enforced = self.list_enforced(limits)
         inside = limits if _unloaded(limits) else limits.scale(1.0 - PROOF_EXCESS, ("torque", "torque_rate"))
         for problem, weight in _problems(joint_path, inside, self.intervals, density):
