@@ -10,6 +10,7 @@ import tomllib
 import uuid
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from math import radians
 from pathlib import Path
 from typing import Any
 
@@ -106,6 +107,8 @@ def parse_yaml(text: str, argument: str) -> Any:
                 twice = next(key for _, key in keys if sum(other == key for _, other in keys) > 1)
                 raise yaml.YAMLError(f"the key {twice!r} twice in one mapping")
             return super().construct_mapping(node, deep)
+
+    Loader.add_constructor("!degrees", lambda _, node: radians(float(node.value)))  # as Universal Robots' files have it
 
     try:
         depth = aliases = 0

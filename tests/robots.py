@@ -12,6 +12,10 @@ USUAL = ("irb910sc", "panda", "paper6r", "ur5e")
 """Robots of the default run: one that slides, one with a joint to spare, a spherical wrist and none; make soak has all."""
 
 
+BOUNDED = [name for name in optik.robots() if np.isfinite(optik.load(name).limits.half).all()]
+"""Robots whose joints all have two limits."""
+
+
 def marked(arm: str, case: Any) -> Any:
     """A case of an arm, of the default run if the arm is."""
     return case if arm in USUAL else pytest.param(case, marks=pytest.mark.soak)

@@ -75,7 +75,7 @@ from numpy.typing import ArrayLike
 from optik import se3
 from optik.arm.foreign import PREFIX, URDF, load_description, load_urdf, parse_urdf_options
 from optik.arm.inertia import STANDARD_GRAVITY, Inertia
-from optik.arm.limits import DYNAMIC_LIMITS, JointLimits, warn_of_degrees
+from optik.arm.limits import DYNAMIC_LIMITS, JointLimits, VelocityByPosition, warn_of_degrees
 from optik.arm.model import DHRow
 from optik.arm.plain import read_list, read_record, read_vector, read_word
 from optik.arm.robot import Robot
@@ -324,8 +324,8 @@ def _inertia(table: Any, n: int, source: Any) -> Inertia:
 
 def _limits(joints: Sequence[Mapping[str, Any]], dynamic: Any) -> JointLimits:
     """Read the position limits and speeds of the rows, and the table ``dynamic_limits``."""
-    read_record(dynamic, (), "dynamic_limits", optional=DYNAMIC_LIMITS)
-    n = len(joints)
+    dynamic = dict(read_record(dynamic, (), "dynamic_limits", optional=(*DYNAMIC_LIMITS, "velocity_by_position")))
+    n, slowed = len(joints), dynamic.pop("velocity_by_position", None)
     ranges = np.array([_range(joint, f"joints[{i}]") for i, joint in enumerate(joints)])
     limits: dict[str, Any] = {key: _check_positive(value, f"dynamic_limits.{key}", n) for key, value in dynamic.items()}
     if any(key in joint for joint in joints for key in SPEEDS):
@@ -333,6 +333,8 @@ def _limits(joints: Sequence[Mapping[str, Any]], dynamic: Any) -> JointLimits:
             expected = "velocities either in the rows or in dynamic_limits"
             raise InvalidInput("dynamic_limits.velocity", "speeds in the rows, too", expected)
         limits["velocity"] = np.array([_speed(joint, f"joints[{i}]") for i, joint in enumerate(joints)])
+    if slowed is not None:
+        limits["velocity_by_position"] = VelocityByPosition.from_plain(slowed, "dynamic_limits.velocity_by_position")
     return JointLimits(ranges[:, 0], ranges[:, 1], **limits)
 
 

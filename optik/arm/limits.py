@@ -14,14 +14,14 @@ from numpy.typing import ArrayLike
 
 from optik.check import check_count, real_array
 from optik.errors import DegreesWarning, InvalidInput
-from optik.types import Array, Flags, content
+from optik.types import Array, Flags
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
 R = TypeVar("R", bound="DataclassInstance")
 """Type of a dataclass."""
-DYNAMIC_LIMITS = ("velocity", "acceleration", "jerk", "torque", "torque_rate")
+DYNAMIC_LIMITS = ("velocity", "acceleration", "jerk", "torque", "torque_rate", "deceleration")
 """Fields of `JointLimits` that may be unknown."""
 LIMIT_TOLERANCE = 1e-9
 """Slack of position limits [rad, m]: rounding errors are not limit violations."""
@@ -61,7 +61,7 @@ class VelocityByPosition:
     Raises
     ------
     InvalidInput
-        Different lengths, a deceleration that is not above 0, or an offset that is not a finite number.
+        Different lengths, a deceleration that is not above 0, or an offset that is not a finite number ≥ 0.
     """
 
     offset: Array
@@ -70,18 +70,24 @@ class VelocityByPosition:
     def __post_init__(self) -> None:
         offset = freeze(self.offset, "velocity_by_position.offset")
         deceleration = check_positive(self.deceleration, offset.size, "velocity_by_position.deceleration")
-        if offset.ndim != 1 or not np.isfinite(offset).all():
-            raise InvalidInput(
-                "velocity_by_position.offset", repr(self.offset)[:60], "one finite number for each joint"
-            )
+        if offset.ndim != 1 or not (np.isfinite(offset) & (offset >= 0.0)).all():
+            raise InvalidInput("velocity_by_position.offset", repr(self.offset)[:60], "a number ≥ 0 for each joint")
         object.__setattr__(self, "offset", offset)
         object.__setattr__(self, "deceleration", deceleration)
 
+    @property
+    def content(self) -> bytes:
+        """The numbers, as bytes."""
+        return self.offset.tobytes() + self.deceleration.tobytes()
+
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, VelocityByPosition) and content(self.to_plain()) == content(other.to_plain())
+        return isinstance(other, VelocityByPosition) and self.content == other.content
 
     def __hash__(self) -> int:
-        return hash(content(self.to_plain()))
+        return hash(self.content)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return VelocityByPosition, (self.offset, self.deceleration)
 
     def to_plain(self) -> dict[str, Any]:
         """Return plain data for files, which `from_plain` reads back to the last bit.
@@ -180,9 +186,14 @@ class JointLimits:
                 f"{lower[i]:.6g} to {upper[i]:.6g} at joint {i + 1}",
                 f"at most {LARGEST_LIMIT:g} rad or m; infinity for a joint without a limit (type continuous in a URDF)",
             )
+        slowed = self.velocity_by_position
+        if slowed is not None and not (isinstance(slowed, VelocityByPosition) and slowed.offset.size == lower.size):
+            raise InvalidInput(
+                "limits.velocity_by_position", repr(slowed)[:60], f"a VelocityByPosition of {lower.size} joints"
+            )
         object.__setattr__(self, "lower", lower)
         object.__setattr__(self, "upper", upper)
-        for field in (*DYNAMIC_LIMITS, "deceleration"):
+        for field in DYNAMIC_LIMITS:
             value = getattr(self, field)
             if value is not None:
                 object.__setattr__(self, field, check_positive(value, lower.size, field))

@@ -127,6 +127,8 @@ class ArmModel:
         later = {  # only where known, so that fingerprints of arms without them do not change
             "torque": None if lim.torque is None else lim.torque.tobytes(),
             "torque_rate": None if lim.torque_rate is None else lim.torque_rate.tobytes(),
+            "deceleration": None if lim.deceleration is None else lim.deceleration.tobytes(),
+            "velocity_by_position": None if lim.velocity_by_position is None else lim.velocity_by_position.content,
             "gravity": None if self.gravity_magnitude == STANDARD_GRAVITY else repr(self.gravity_magnitude).encode(),
             "inertia": None if self.inertia is None else self.inertia.content,
             "payload": None if self.payload is None else self.payload.content,

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optik.arm.inertia import STANDARD_GRAVITY, Inertia, Payload
-from optik.arm.limits import JointLimits
+from optik.arm.limits import JointLimits, VelocityByPosition
 from optik.arm.model import ArmModel
 from optik.arm.shapes.model import Shapes
 from optik.check import check_number
@@ -19,8 +19,8 @@ INFINITE = {"inf": np.inf, "-inf": -np.inf}
 """Strings for infinite numbers, which JSON lacks."""
 LIMIT_KEYS = ("lower", "upper", "velocity", "acceleration", "jerk")
 """Keys of an arm's limits that are always written: fields of `JointLimits`."""
-TORQUE_KEYS = ("torque", "torque_rate")
-"""Keys of an arm's limits that are written where known."""
+LATER_KEYS = ("torque", "torque_rate", "deceleration")
+"""Keys of an arm's limits that are written where known, as is ``velocity_by_position``."""
 ARM_KEYS = ("name", "joint_names", "prismatic", "fixed", "tool", "gravity", "limits", "source")
 """Keys of an arm that are always written: fields of `ArmModel`."""
 MASS_KEYS = ("gravity_magnitude", "inertia", "payload")
@@ -120,7 +120,9 @@ def read_vector(value: Any, argument: str, count: int = 3) -> Array:
 def arm_to_dict(arm: ArmModel) -> dict[str, Any]:
     """Return an arm as plain data; see `Robot.to_dict`."""
     limits = {k: None if (v := getattr(arm.limits, k)) is None else numbers_to_list(v) for k in LIMIT_KEYS}
-    limits |= {k: numbers_to_list(v) for k in TORQUE_KEYS if (v := getattr(arm.limits, k)) is not None}
+    limits |= {k: numbers_to_list(v) for k in LATER_KEYS if (v := getattr(arm.limits, k)) is not None}
+    if arm.limits.velocity_by_position is not None:
+        limits["velocity_by_position"] = arm.limits.velocity_by_position.to_plain()
     masses: dict[str, Any] = {}
     if arm.gravity_magnitude != STANDARD_GRAVITY:
         masses["gravity_magnitude"] = arm.gravity_magnitude
@@ -150,16 +152,21 @@ def arm_from_dict(data: Any) -> ArmModel:
     n, prismatic = len(joint_names), data["prismatic"]
     if not isinstance(prismatic, list) or len(prismatic) != n or any(type(p) is not bool for p in prismatic):
         raise InvalidInput("robot.prismatic", repr(prismatic)[:60], f"{n} times true or false")
-    limits = {
+    optional = (*LATER_KEYS, "velocity_by_position")
+    given = dict(read_record(data["limits"], LIMIT_KEYS, "robot.limits", optional=optional))
+    slowed = given.pop("velocity_by_position", None)
+    limits: dict[str, Any] = {
         k: None if v is None and k not in ("lower", "upper") else read_numbers(v, (n,), f"robot.limits.{k}")
-        for k, v in read_record(data["limits"], LIMIT_KEYS, "robot.limits", optional=TORQUE_KEYS).items()
+        for k, v in given.items()
     }
+    if slowed is not None:
+        limits["velocity_by_position"] = VelocityByPosition.from_plain(slowed, "robot.limits.velocity_by_position")
     return ArmModel(
         name=read_word(data["name"], "robot.name"),
         fixed=read_numbers(data["fixed"], (n, 4, 4), "robot.fixed"),
         prismatic=np.array(prismatic, dtype=np.bool_),
         tool=read_numbers(data["tool"], (4, 4), "robot.tool"),
-        limits=JointLimits(**limits),  # type: ignore[arg-type]
+        limits=JointLimits(**limits),
         joint_names=joint_names,
         gravity=read_numbers(data["gravity"], (3,), "robot.gravity"),
         source=read_word(data["source"], "robot.source"),

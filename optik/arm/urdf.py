@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from optik import se3
 from optik.arm.branches import MOVING, hold_joints
 from optik.arm.inertia import Body, Inertia, check_body, join_bodies, transform_body
-from optik.arm.limits import LARGEST_LIMIT, JointLimits, warn_of_degrees
+from optik.arm.limits import LARGEST_LIMIT, JointLimits, VelocityByPosition, warn_of_degrees
 from optik.arm.model import ArmModel
 from optik.arm.tips import find_tip
 from optik.arm.urdf_tree import Joint, Tree, join_names, joint_origin, origin_pose, read_number, read_tree, read_triple
@@ -38,6 +38,10 @@ Placed: TypeAlias = list[tuple[Joint, Array]]
 """All joints of a chain, and the poses of their links in the frames of the arm's joints."""
 PRODUCTS = (("ixx", "ixy", "ixz"), ("ixy", "iyy", "iyz"), ("ixz", "iyz", "izz"))
 """Attributes of an <inertia>, arranged as in the tensor."""
+LIMIT_ATTRIBUTES = ("acceleration", "deceleration", "jerk")
+"""Attributes of <limit> that few files have, and fields of `JointLimits`; 0 means unknown."""
+BY_POSITION = "position_based_velocity_limits"
+"""Element of a joint that libfranka reads: velocities near the ends of its range."""
 INFINITE_TEXTS = ("inf", "+inf", "infinity", "+infinity")
 """Texts for infinity, in lower case."""
 
@@ -153,7 +157,7 @@ def _arm(tree: Tree, chain: list[Joint], gravity: Array, source: str) -> tuple[A
         np.array(fixed),
         np.array([joint.kind == "prismatic" for joint in moving]),
         T,
-        known.replace(torque=_read_or_warn(_read_torques, name, moving)),
+        known.replace(torque=_read_or_warn(_read_torques, name, moving), **_read_dynamic_limits(name, moving)),
         tuple(joint.name for joint in moving),
         gravity,
         source,
@@ -219,6 +223,27 @@ def _limits(robot: str, joint: Joint) -> tuple[float, float, float]:
     if velocity < 0.0:
         raise RobotModelError(robot, f"{where}: velocity limit {velocity:.6g}, expected one above 0")
     return lower, upper, velocity or np.inf
+
+
+def _read_dynamic_limits(robot: str, joints: list[Joint]) -> dict[str, Any]:
+    """Read the limits that few files have: further attributes of <limit>, and libfranka's <position_based_velocity_limits>."""
+    found: dict[str, Any] = {}
+    for name in LIMIT_ATTRIBUTES:
+        values = np.array([_positive(robot, joint, "limit", name) or np.inf for joint in joints])
+        if np.isfinite(values).any():
+            found[name] = values
+    offset, deceleration = (
+        np.array([_positive(robot, joint, BY_POSITION, name) for joint in joints])
+        for name in ("velocity_offset", "deceleration_limit")
+    )
+    if any(BY_POSITION in joint.element for joint in joints):
+        for joint, d in zip(joints, deceleration, strict=True):
+            if BY_POSITION in joint.element and not d > 0.0:
+                raise RobotModelError(
+                    robot, f"joint {joint.name!r}: deceleration_limit {d:g}, expected a number above 0"
+                )
+        found["velocity_by_position"] = VelocityByPosition(offset, np.where(deceleration > 0.0, deceleration, np.inf))
+    return found
 
 
 def _check_ranges(robot: str, joints: list[Joint], lower: Array, upper: Array) -> None:
@@ -387,16 +412,28 @@ def _type_and_limit(arm: ArmModel, i: int) -> tuple[str, list[str]]:
     torque = np.inf if arm.limits.torque is None else float(arm.limits.torque[i])
     effort, velocity = (repr(limit) if np.isfinite(limit) else "0" for limit in (torque, speed))
     known = f'effort="{effort}" velocity="{velocity}"'
+    for name in LIMIT_ATTRIBUTES:
+        values = getattr(arm.limits, name)
+        known += f' {name}="{float(values[i])!r}"' if values is not None and np.isfinite(values[i]) else ""
     if lower == upper:
         problem = f"lower = upper = {lower:.6g}; a URDF holds no joint that cannot move"
         raise RobotModelError(arm.name, f"joint {arm.joint_names[i]!r}: {problem}")
     if np.isfinite([lower, upper]).all():
         kind = "prismatic" if arm.prismatic[i] else "revolute"
-        return kind, [f'    <limit lower="{lower!r}" upper="{upper!r}" {known}/>']
+        return kind, [f'    <limit lower="{lower!r}" upper="{upper!r}" {known}/>', *_by_position_lines(arm, i)]
     if arm.prismatic[i] or np.isfinite([lower, upper]).any():
         problem = f"limits {lower:.6g} to {upper:.6g}; URDF has finite ones, or none for a revolute joint"
         raise RobotModelError(arm.name, f"joint {arm.joint_names[i]!r}: {problem}")
     return "continuous", [f"    <limit {known}/>"] if np.isfinite([speed, torque]).any() else []
+
+
+def _by_position_lines(arm: ArmModel, i: int) -> list[str]:
+    """Return the <position_based_velocity_limits> of a joint, if it has any."""
+    slowed = arm.limits.velocity_by_position
+    if slowed is None or not np.isfinite(slowed.deceleration[i]):
+        return []
+    offset, deceleration = float(slowed.offset[i]), float(slowed.deceleration[i])
+    return [f'    <{BY_POSITION} velocity_offset="{offset!r}" deceleration_limit="{deceleration!r}"/>']
 
 
 def roll_pitch_yaw(R: Array) -> tuple[float, float, float]:

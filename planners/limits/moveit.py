@@ -20,11 +20,15 @@ from planners.limits.motion_limits import MotionLimits
 
 NESTED = ("/**", "ros__parameters", "robot_description_planning")
 """Keys of parameter files of ROS around ``joint_limits``."""
+DECELERATION = ("max_deceleration", "has_deceleration_limits")
+"""Keys of Pilz' deceleration limit, a negative number, and of its switch."""
 KINDS = {"velocity": ("max_velocity",), "acceleration": ("max_acceleration",), "jerk": ("max_jerk",)}
 """Limits of a motion, and their keys in the file."""
 POSITION = ("min_position", "max_position")
 """Keys of the range of a joint."""
-READ = {*POSITION, "has_position_limits"}.union(*({*keys, f"has_{kind}_limits"} for kind, keys in KINDS.items()))
+READ = {*DECELERATION, *POSITION, "has_position_limits"}.union(
+    *({*keys, f"has_{kind}_limits"} for kind, keys in KINDS.items())
+)
 """Keys of a joint that are read."""
 
 
@@ -47,8 +51,8 @@ def load_limits(
     Returns
     -------
     tuple of Robot and MotionLimits
-        The arm with the file's joint ranges, and the limits on velocity, acceleration and jerk. Other joints and keys of the
-        file are named in an `AssumptionWarning`.
+        The arm with the file's joint ranges and decelerations, and the limits on velocity, acceleration and jerk. Other joints
+        and keys of the file are named in an `AssumptionWarning`.
 
     Raises
     ------
@@ -57,20 +61,22 @@ def load_limits(
     """
     found = read_limits(file, robot, joint_names)
     warn_of_assumptions(file, found.notes)
-    return found.limit(robot), MotionLimits.of(robot, **found.given)
+    limited = found.limit(robot)
+    return limited, MotionLimits.of(limited, **found.given)
 
 
 class FoundLimits(NamedTuple):
-    """The joint ranges (2, n) of a file, its other limits by name where they differ from the robot's, and assumptions."""
+    """The ranges (2, n) and decelerations of a file, its other limits by name where they differ from the robot's, and notes."""
 
     ranges: Array
+    deceleration: Array | None
     given: dict[str, Array | None]
     notes: list[str]
 
     def limit(self, robot: Robot) -> Robot:
-        """Return the robot with these joint ranges."""
+        """Return the robot with these joint ranges and decelerations."""
         lower, upper = self.ranges
-        return replace(robot, limits=replace(robot.limits, lower=lower, upper=upper))
+        return replace(robot, limits=replace(robot.limits, lower=lower, upper=upper, deceleration=self.deceleration))
 
 
 def read_limits(
@@ -92,6 +98,7 @@ def read_limits(
         raise InvalidInput(str(file), f"limits of {', '.join(map(str, joints))}"[:160], expected)
     own = MotionLimits.of(robot).bounds(robot.n)
     values, ranges = {kind: own[kind].copy() for kind in KINDS}, np.stack([robot.limits.lower, robot.limits.upper])
+    braking = np.full(robot.n, np.inf) if robot.limits.deceleration is None else robot.limits.deceleration.copy()
     unread: set[str] = set()
     for i, name in enumerate(names):
         entry, where = joints.get(name, {}), f"{file}, {name}"
@@ -100,6 +107,7 @@ def read_limits(
         for kind, keys in KINDS.items():
             _read(entry, kind, keys, where, values[kind][i : i + 1])
         _read(entry, "position", POSITION, where, ranges[:, i])
+        braking[i] = _read_deceleration(entry, where, float(braking[i]))
         unread |= {str(key) for key in entry} - READ
     others = sorted({*map(str, joints)} - {*names})
     notes = [f"no joints of {robot.name}: {', '.join(others)}"] if others else []
@@ -107,7 +115,7 @@ def read_limits(
     given = {
         kind: x if np.isfinite(x).any() else None for kind, x in values.items() if not np.array_equal(x, own[kind])
     }
-    return FoundLimits(ranges, given, notes)
+    return FoundLimits(ranges, braking if np.isfinite(braking).any() else None, given, notes)
 
 
 def _find_joints(data: Any, file: str) -> dict[Any, Any]:
@@ -118,6 +126,23 @@ def _find_joints(data: Any, file: str) -> dict[Any, Any]:
     if not isinstance(joints, dict) or not joints:
         raise InvalidInput(file, "no joint_limits", "joint_limits with a mapping for each joint, as MoveIt writes them")
     return joints
+
+
+def _read_deceleration(entry: dict[str, Any], where: str, known: float) -> float:
+    """Return the deceleration of one joint, the known one if the file has none, and infinity if it is switched off."""
+    key, switch = DECELERATION
+    if entry.get(switch) not in (None, True, False):
+        raise InvalidInput(f"{where}, {switch}", repr(entry[switch])[:60], "true or false")
+    if entry.get(switch) is False:
+        return np.inf
+    expected = "a deceleration below 0, as Pilz writes it"
+    return (
+        known
+        if key not in entry
+        else check_number(
+            -check_number(entry[key], f"{where}, {key}", expected), f"{where}, {key}", expected, above=0.0
+        )
+    )
 
 
 def _read(entry: dict[str, Any], kind: str, keys: tuple[str, ...], where: str, values: Array) -> None:

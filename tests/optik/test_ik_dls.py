@@ -13,11 +13,11 @@ from optik.errors import InvalidInput
 from optik.ik import DLS, make_solver
 from optik.ik.dls import iterate
 from tests import oracles
-from tests.robots import built
+from tests.robots import BOUNDED, built
 from tests.seeds import shift_seed
 
 PAPER = optik.load("paper6r")
-each_robot = pytest.mark.parametrize("name", optik.robots())
+each_robot = pytest.mark.parametrize("name", BOUNDED)
 seeds = st.integers(0, 10**6)
 
 

@@ -9,13 +9,13 @@ import optik
 from optik import DHRow, JointLimits, Robot, kinematics, newton
 from optik.task import POSE, judge
 from tests import oracles
-from tests.robots import built
+from tests.robots import BOUNDED, built
 from tests.seeds import shift_seed
 
 COUNT = 1000
-each_robot = pytest.mark.parametrize("name", optik.robots())
-six = [name for name in optik.robots() if optik.load(name).n == 6]
-six_or_more = [name for name in optik.robots() if optik.load(name).n >= 6]
+each_robot = pytest.mark.parametrize("name", BOUNDED)
+six = [name for name in BOUNDED if optik.load(name).n == 6]
+six_or_more = [name for name in BOUNDED if optik.load(name).n >= 6]
 random_arms = st.builds(
     lambda seed, n, prismatic, convention: oracles.random_arm(
         np.random.default_rng(seed), n, prismatic=prismatic, convention=convention

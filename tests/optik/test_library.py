@@ -15,6 +15,7 @@ from optik.arm import library
 from optik.arm.library import robot_from_toml
 from optik.errors import DegreesWarning, InvalidInput, OptikError, RobotModelError, UnknownName
 from tests import oracles
+from tests.robots import BOUNDED
 
 ARM = {
     "convention": "dh",
@@ -208,7 +209,7 @@ def test_the_papers_arm_has_the_papers_ranges_and_gravity_along_plus_y():
     assert [set(x) for x in (robot.limits.velocity, robot.limits.acceleration, robot.limits.jerk)] == [{2}, {10}, {100}]
 
 
-@pytest.mark.parametrize("name", optik.robots())
+@pytest.mark.parametrize("name", BOUNDED)
 def test_a_robot_is_its_file(name):
     robot, arm = optik.load(name), oracles.table(name)
     assert robot.name == name

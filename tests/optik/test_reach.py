@@ -13,7 +13,7 @@ from optik.arm.reach import outside_reach, reach_bound
 from optik.ik import DLS, LM
 from optik.task import Task, as_task
 from tests import oracles
-from tests.robots import built
+from tests.robots import BOUNDED, built
 
 PAPER, ARM = optik.load("paper6r"), oracles.table("paper6r")
 seeds = st.integers(0, 10**6)
@@ -53,7 +53,7 @@ def test_no_configuration_breaks_the_bound(seed, n, prismatic, convention, task)
 
 
 @pytest.mark.parametrize("task", ["pose", "position", "axis_x"])
-@pytest.mark.parametrize("name", optik.robots())
+@pytest.mark.parametrize("name", BOUNDED)
 def test_no_configuration_of_a_robot_breaks_its_bound(name, task):
     arm, reach = oracles.table(name), reach_bound(optik.load(name), as_task(task))
     rng = np.random.default_rng(301)
@@ -127,7 +127,7 @@ def test_a_slider_is_proved_out_at_both_its_ends():
     assert not proved(free, oracles.trans(z=1e5))
 
 
-@pytest.mark.parametrize("name", optik.robots())
+@pytest.mark.parametrize("name", BOUNDED)
 def test_the_bound_is_within_a_quarter_of_what_is_found(name):
     arm = oracles.table(name)
     A, c, _, most = np.split(reach_bound(optik.load(name), as_task("pose")), [3, 6, 7])

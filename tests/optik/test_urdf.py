@@ -28,6 +28,7 @@ from optik.errors import (
     UnreadShapeWarning,
 )
 from tests import oracles
+from tests.robots import BOUNDED
 
 LIMIT = '<limit lower="-2" upper="3" effort="1" velocity="1.5"/>'
 PLAIN = f"""<?xml version="1.0"?>
@@ -253,7 +254,7 @@ def test_a_robot_written_and_read_is_the_same_arm(case):
     assert (back.prismatic == robot.prismatic).all()
 
 
-@pytest.mark.parametrize("name", optik.robots())
+@pytest.mark.parametrize("name", BOUNDED)
 def test_what_is_written_is_read_by_pinocchio(name):
     pin = pytest.importorskip("pinocchio")
     robot = optik.load(name)
@@ -276,7 +277,8 @@ def test_what_is_written_passes_check_urdf(name, tmp_path):
     optik.load(name).to_urdf(tmp_path / "arm.urdf")
     done = subprocess.run([CHECK_URDF, tmp_path / "arm.urdf"], capture_output=True, text=True, check=True)
     assert "Successfully Parsed XML" in done.stdout
-    assert done.stderr == ""
+    other = [line for line in done.stderr.splitlines() if "Ignoring" not in line and "joint.cpp" not in line]
+    assert other == []  # it ignores accelerations and jerks of files before version 1.2
 
 
 tiny = st.sampled_from([0.0, 1e-16, -1e-12, 1e-9, -1e-8, 1e-6])
