@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from math import ceil
 from typing import Any, NamedTuple
 
@@ -38,10 +39,15 @@ from planners.retarget.tracking import SPARE, track
 from planners.retarget.transfer import Transfer, build
 from planners.trajectory import Trajectory, cut_before, join, make_rest
 
-SLOWER = (1.0, 0.8, 0.64)
+SLOWER = (1.0, 0.8, 0.64, 0.64, 0.64)
 """Factors of the pace that are tried where a torque or another limit of the whole arm is exceeded or not proved."""
 SMALL_PART, LEAST_FACTOR = 0.1, 0.3
-"""Part of a joint in a torque rate below which its jerk is not reduced, and least factor of limits in one try."""
+"""Part of a joint in a torque or its rate below which its limits are not reduced, and least factor of limits in one try."""
+TORQUE_PART, SLOWER_RISE = 0.95, 0.8
+"""Part of a torque's limit to which accelerations are reduced, and the rate at which a torque is raised over that at which it
+is lowered."""
+LEAST_PART, STOP_PART = 0.1, 1.1
+"""Least accelerations that remain: over their own limits, and over those that stop a joint at the end of its range."""
 SHORTEST_WINDOW = 0.02
 """Shortest window over which a pace is averaged [s]."""
 TRIED, MOST_PIECES = 31, 4000
@@ -106,7 +112,9 @@ class Retargeter:
             raise InvalidInput(
                 "limits", "tool speeds for the segments of a path", "one tool speed for the whole motion"
             )
-        self._usual = Transfer(self.box)
+        self._usual, self._heavy = Transfer(self.box), robot
+        if robot.payload is not None:  # the heaviest of an interval
+            self._heavy = replace(robot, payload=replace(robot.payload, mass=robot.payload.masses[-1]))
 
     def run(self, running: JointCubics | Trajectory, at: float, onto: Any) -> Retargeted:
         """Return the motion onto a target, from the running motion's state at a time [s]."""
@@ -131,7 +139,7 @@ class Retargeter:
             proof = certify_joined(self.robot, made.curve, self.limits, X, self.scene)
             if proof.is_valid:
                 return Retargeted(status, "", self.robot, self.limits, at, made.curve, proof, *made[2:])
-            reason, box = reason or proof.reasons[0], self._tighten(box, proof, X)
+            reason, box = reason or proof.reasons[0], self._tighten(box, proof, X, made.curve)
         rest = at >= running.end - BRIEF_REST
         kept = make_rest(X[0], 3.0 * BRIEF_REST) if rest else cut_before(trajectory_of(running), at)
         proof = certify_joined(self.robot, kept, self.limits, X, None)
@@ -159,27 +167,57 @@ class Retargeter:
         """
         if "torque_rate" not in self.others:
             return self.box
-        part = np.abs(self.robot.mass_matrix(X[0])) * np.minimum(self.box[:, 3, 1], -self.box[:, 3, 0])
+        part = np.abs(self._heavy.mass_matrix(X[0])) * np.minimum(self.box[:, 3, 1], -self.box[:, 3, 0])
         excess = part.sum(axis=1) / symmetric_bound(self.limits.bounds(self.robot.n)["torque_rate"])
         matters = part > SMALL_PART * part.sum(axis=1)[:, None]
         box = self.box.copy()
         box[:, 3] /= np.maximum((excess[:, None] * matters).max(axis=0), 1.0)[:, None]
         return box
 
-    def _tighten(self, box: Array, proof: StreamCertificate, X: Array) -> Array:
-        """Return limits of single joints that are reduced where the motion exceeds limits, and that contain the state."""
+    def _tighten(self, box: Array, proof: StreamCertificate, X: Array, curve: JointCubics | Trajectory) -> Array:
+        """Return limits of single joints that are reduced where a motion from a state (3, n) exceeds limits."""
         box = box.copy()
         for name, peak in proof.peaks.items():
             ratio, order = float(np.nanmax(peak.ratio)), kind_of(name).order
-            if ratio > 1.0 and name in self.others:
+            if not ratio > 1.0:
+                continue
+            if name == "torque":
+                self._relieve(box, peak, X, curve)
+                continue
+            if name in self.others:
                 box[:, order] *= min(max(OTHER_PART / ratio, LEAST_FACTOR), OTHER_PART)
-            elif ratio > 1.0:  # by rounding in Ruckig
+            else:  # by rounding in Ruckig
                 box[:, order] *= (1.0 - 100.0 * SPARE) / ratio
-        for order in (1, 2):
-            wide = 1e-9 * (self.box[:, order, 1] - self.box[:, order, 0])
-            box[:, order, 0] = np.minimum(box[:, order, 0], X[order] - wide)
-            box[:, order, 1] = np.maximum(box[:, order, 1], X[order] + wide)
+            if order < 3:  # the state stays inside
+                wide = 1e-9 * (self.box[:, order, 1] - self.box[:, order, 0])
+                box[:, order, 0] = np.minimum(box[:, order, 0], X[order] - wide)
+                box[:, order, 1] = np.maximum(box[:, order, 1], X[order] + wide)
         return box
+
+    def _relieve(self, box: Array, peak: Any, X: Array, curve: JointCubics | Trajectory) -> None:
+        """Reduce the limits (n, 4, 2) of the joints that raise torques above their limits, on a motion from a state (3, n).
+
+        A torque is a row of M q̈, plus parts that accelerations do not change at once, such as gravity. Terms of the row that
+        raise it at its peak are reduced by the excess. Each joint can still stop inside its range. While the accelerations of
+        the state begin to change, jerks are reduced too: those that raise the torque, below those that lower it.
+        """
+        room = np.where(X[1] > 0.0, box[:, 0, 1] - X[0], X[0] - box[:, 0, 0])
+        stop = STOP_PART * X[1] ** 2 / np.maximum(2.0 * room, 1e-9)
+        begin = (np.ptp(self.box[:, 2], axis=1) / box[:, 3, 1]).max()
+        for i in np.flatnonzero(peak.ratio > 1.0):
+            q, dq, ddq = (curve(float(peak.time[i]), order) for order in range(3))
+            row = self._heavy.mass_matrix(q)[i] * np.sign(self._heavy.torques(q, dq, ddq)[i])
+            push, change = row * ddq, row * (ddq - X[2])
+            if peak.time[i] < begin and (change < 0.0).any():
+                up, down = np.maximum(change, 0.0).sum(), -np.minimum(change, 0.0).sum()
+                box[change > 0.0, 3] *= np.clip(SLOWER_RISE * down / max(up, 1e-9), LEAST_FACTOR, 1.0)
+            raises = push > SMALL_PART * max(push.max(), 1e-9)
+            factor = 1.0 - (1.0 - TORQUE_PART / peak.ratio[i]) * peak.value[i] / max(push[raises].sum(), 1e-9)
+            for j in np.flatnonzero(raises):
+                side = int(ddq[j] > 0.0)
+                least = max(LEAST_PART * abs(self.box[j, 2, side]), stop[j] if ddq[j] * X[1, j] < 0.0 else 0.0)
+                most = min(abs(box[j, 2, side]), max(factor * abs(ddq[j]), least))
+                box[j, 2, side] = np.copysign(most, ddq[j])
 
     def _transfer(self, box: Array) -> Transfer:
         """Return the solver of time-optimal motions within limits."""
@@ -269,7 +307,7 @@ class ChunkFollower:
         pace = engine.pace * slower
         rows, cap, x, t = np.empty((s.size, X.shape[1], 4)), np.empty(s.size), np.empty(s.size), np.empty(s.size)
         joint_rows(self._R, box, pace, rows, cap)
-        rows = self._add_rows(rows, cap, OTHER_PART * slower)
+        rows = self._add_rows(rows, cap, OTHER_PART)
         first = pace
         if engine.pace > 1.0:
             rate = self._R[0, 1]

@@ -46,7 +46,8 @@ def ramp_of(v: float, a: float, limits: Array) -> float:
     up = a > 0.0
     r = -a / limits[3, 0 if up else 1]
     room = limits[1, 1] - (v + 0.5 * a * r) if up else v + 0.5 * a * r - limits[1, 0]
-    return r if room < TIGHT * (limits[1, 1] - limits[1, 0]) else 0.0
+    outside = a < limits[2, 0] or a > limits[2, 1]
+    return r if outside or room < TIGHT * (limits[1, 1] - limits[1, 0]) else 0.0
 
 
 @inlined

@@ -23,6 +23,7 @@ from planners.retarget.interior import make_factors, make_rows, make_stencils, m
 from planners.retarget.pace import joint_rows, sample_reference, sweep
 from planners.retarget.reference import evaluate_reference, fit_reference
 from planners.retarget.tracking import make_objective
+from tests.oracles import PinocchioDynamics
 from tests.seeds import shift_seed
 
 REST = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
@@ -246,6 +247,30 @@ def test_limits_of_the_whole_arm_are_proved_or_the_motion_is_kept():
     )
     assert kept.status is RetargetStatus.KEPT and "tool_speed" in kept.reason
     np.testing.assert_allclose(kept.trajectory(kept.trajectory.end), REST + 0.3, atol=1e-9)
+
+
+@pytest.mark.parametrize("mass", [3.0, (0.5, 3.0)])
+def test_states_on_torque_limits_join_chunks_and_goals(mass):
+    robot = optik.load("panda").with_payload(mass)
+    limits = MotionLimits(PANDA.velocity, PANDA.acceleration, PANDA.jerk, torque=robot.limits.torque)
+    low, high = np.array([0.0, 0.7, 0.0, -0.9, 0.0, 1.6, 0.0]), np.array([0.6, 1.2, 0.4, -0.5, 0.3, 1.9, 0.5])
+    models = [PinocchioDynamics(robot.with_payload(m)) for m in np.atleast_1d(mass)]
+    rng, joined, at_limit = np.random.default_rng(shift_seed(3)), 0, 0
+    plans = [planners.plan(robot, *each, limits=limits) for each in ((low, high), (high, low))]
+    for k in range(40):
+        plan = plans[k % 2]
+        at = float(rng.uniform(0.02, 0.98) * plan.trajectory.duration)
+        state = [plan.trajectory(at, order) for order in range(3)]
+        at_limit += any((np.abs(model.torques(*state)) > 0.97 * robot.limits.torque).any() for model in models)
+        points = state[0] + rng.uniform(-0.3, 0.3, 7) * np.sin(np.arange(15)[:, None] / 20.0 * rng.uniform(1.0, 4.0, 7))
+        found = retarget(plan, at, Chunk(points, 20.0, at - 0.05) if k % 4 < 2 else rng.uniform(low, high))
+        joined += bool(found)
+        check_motion(robot, limits, found.trajectory, state)
+        for t in np.arange(0.0, found.trajectory.end, 0.005):
+            for model in models:
+                tau = model.torques(*(found.trajectory(t, order) for order in range(3)))
+                assert (np.abs(tau) <= robot.limits.torque).all()
+    assert joined >= 39 and at_limit >= 5
 
 
 def test_obstacles_are_proved_to_be_avoided_or_the_motion_is_kept():
