@@ -19,8 +19,17 @@ from typer.core import TyperCommand
 
 import optik
 from benchmarks.cli.misuse import UsageError, describe_usage
-from benchmarks.cli.readers import format_numbers, read_configuration, read_held, read_limit, read_numbers, sample_start
+from benchmarks.cli.readers import (
+    LIMIT_HELP,
+    format_numbers,
+    read_configuration,
+    read_held,
+    read_limit,
+    read_numbers,
+    sample_start,
+)
 from optik.arm.model import unit_factors
+from optik.arm.motors import from_maker, maker_joints
 from optik.arm.tips import TIP_ADVICE
 from optik.errors import InvalidInput, RobotModelError, UnknownName
 from optik.plugins.files import is_path
@@ -36,25 +45,10 @@ NUMBERS, Q_DEG = "NUMBERS", "Q_DEG"
 
 LIMIT_EXAMPLES = {"velocity": 1, "acceleration": 10, "jerk": 50}
 """Limits that hold for every joint, with examples for messages."""
-LIMIT_HELP = (
-    f"Further limit, repeatable: {''.join(f'{name}, ' for name in names('planners.limits'))}or a file, ./weighted_speed.py=3; "
-    "one number, or one for each joint, in the limit's units or with deg or mm; fields as in grip=friction:0.4,force:40; "
-    "vectors as in com:0/0/50mm; none removes one of the robot's."
-)
-"""Help of ``--limit``."""
-
 TRANSLATED = "allow|branch|columns|gravity|ignore|rotation_speed|start|timing|tool_speed|unit|unwrap"
 """Arguments of the library, in messages, that are options of the same name."""
 NUMBER = r"-?\d[\d.]*(?:e[-+]?\d+)?"
 """Regular expression of a number in a message."""
-
-ALLOW_HELP = (
-    "Violations to permit, comma separated or repeated: contact (or a distance below the margin), path (error above the "
-    "tolerance), limits (one or a joint range is exceeded, or a jump), jerk (its limit is exceeded), coverage (a part of the "
-    "path is missing), not_proved (a bound is neither violated nor proved)."
-)
-"""Help of ``--allow``."""
-
 
 # ---------------------------------------------------------------- commands
 
@@ -295,9 +289,14 @@ class StartCommand(RobotCommand):
         from optik.arm.library import read_home
 
         home, factors = read_home(self.robot), unit_factors(arm)
-        q = sample_start(arm) if home is None else home / factors
+        q = sample_start(arm) if home is None else from_maker(arm, home / factors)
         why = "a sample, because it has no home_deg" if home is None else "its home_deg"
-        return Start(arm, q, f"start of {arm.name}, {why}: --start-deg {format_numbers(q * factors)}", home is None)
+        return Start(
+            arm,
+            q,
+            f"start of {arm.name}, {why}: --start-deg {format_numbers(maker_joints(arm, q) * factors)}",
+            home is None,
+        )
 
 
 @dataclass(frozen=True, kw_only=True)

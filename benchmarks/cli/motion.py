@@ -13,7 +13,6 @@ import typer
 from rich.table import Table
 
 from benchmarks.cli.command import (
-    ALLOW_HELP,
     Command,
     JsonCommand,
     argument,
@@ -24,7 +23,7 @@ from benchmarks.cli.command import (
     translate,
 )
 from benchmarks.cli.plan import MOTION_SUFFIXES
-from benchmarks.cli.readers import read_allowed
+from benchmarks.cli.readers import ALLOW_HELP, read_allowed
 from optik.arm.model import unit_factors, unit_names
 from optik.errors import InvalidInput, NoSolution
 from optik.file_io import write_atomically

@@ -14,7 +14,6 @@ import typer
 import optik
 from benchmarks.cli.certificate import format_excess, print_certificate, print_choice
 from benchmarks.cli.command import (
-    ALLOW_HELP,
     MotionCommand,
     RobotCommand,
     Start,
@@ -24,8 +23,9 @@ from benchmarks.cli.command import (
     out_console,
     print_json,
 )
-from benchmarks.cli.readers import format_numbers, read_allowed, read_bound, read_numbers
+from benchmarks.cli.readers import ALLOW_HELP, format_numbers, read_allowed, read_bound, read_numbers
 from optik.arm.model import unit_factors
+from optik.arm.motors import maker_joints
 from optik.check import check_number
 from optik.errors import InvalidInput
 from optik.file_io import write_atomically
@@ -203,10 +203,13 @@ class PlanCommand(MotionCommand, SceneCommand):
             out_console.print(f"not written; {permission}" if self.out else permission)
             raise typer.Exit(1)
         if begins_elsewhere:
-            out_console.print(f"start of the motion: --start-deg {format_numbers(begin * unit_factors(arm))}")
+            out_console.print(
+                f"start of the motion: --start-deg {format_numbers(maker_joints(arm, begin) * unit_factors(arm))}"
+            )
         if plan.path.configurations(arm, np.zeros(1)) is not None:
             out_console.print(
-                f"goal of the motion: {format_numbers(plan.goal * unit_factors(arm))} [degrees, prismatic mm]"
+                f"goal of the motion: {format_numbers(maker_joints(arm, plan.goal) * unit_factors(arm))} "
+                "[degrees, prismatic mm]"
             )
         if self.out is not None:
             words = _describe_export(sent, plan) if sent or self.rate is None else _describe_points(plan, self.rate)

@@ -12,16 +12,30 @@ import numpy as np
 
 import optik
 from optik.arm.model import check_range, unit_factors
+from optik.arm.motors import from_maker
 from optik.check import format_count
 from optik.errors import InvalidInput
+from optik.registry import names
 
+LIMIT_HELP = (
+    f"Further limit, repeatable: {''.join(f'{name}, ' for name in names('planners.limits'))}or a file, ./weighted_speed.py=3; "
+    "one number, or one for each joint, in the limit's units or with deg or mm; fields as in grip=friction:0.4,force:40; "
+    "vectors as in com:0/0/50mm; none removes one of the robot's."
+)
+"""Help of ``--limit``."""
+ALLOW_HELP = (
+    "Violations to permit, comma separated or repeated: contact (or a distance below the margin), path (error above the "
+    "tolerance), limits (one or a joint range is exceeded, or a jump), jerk (its limit is exceeded), coverage (a part of the "
+    "path is missing), not_proved (a bound is neither violated nor proved)."
+)
+"""Help of ``--allow``."""
 START_SAMPLES = 64
 """Number of random configurations; the best-conditioned one is the start of an arm without home_deg."""
 
 
 def read_configuration(arm: optik.Robot, text: str, name: str = "--start-deg") -> Any:
     """Read a configuration given in degrees, prismatic joints in millimetres."""
-    return check_range(arm, read_joint_values(arm, text, name) / unit_factors(arm), name)
+    return check_range(arm, from_maker(arm, read_joint_values(arm, text, name) / unit_factors(arm)), name)
 
 
 def read_joint_values(arm: optik.Robot, text: str, name: str) -> Any:

@@ -100,6 +100,7 @@ REQUIRED_KEYS = ("convention", "joints")
 """Keys that every file has."""
 OPTIONAL_KEYS = (
     "source", "joint_names", "home_deg", "gravity", "gravity_magnitude", "base", "tool", "dynamic_limits", "inertia", "shapes",
+    "motors",
 )  # fmt: skip
 """Keys that a file may have."""
 RANGES = {"range_deg": RADIANS_PER_DEGREE, "range_rad": 1.0, "range_mm": 1e-3}
@@ -261,7 +262,7 @@ def _robot(data: dict[str, Any], file: Path, name: str) -> Robot:
     warn_of_degrees(name, names or default, (limits.lower, limits.upper), turns, stacklevel=5)
     _check_home(data, joints, limits)
     source = read_word(data.get("source", file.name), "source")
-    return CONVENTIONS[convention](
+    robot = CONVENTIONS[convention](
         [_row(joint, f"joints[{i}]") for i, joint in enumerate(joints)],
         limits,
         name=name,
@@ -274,6 +275,12 @@ def _robot(data: dict[str, Any], file: Path, name: str) -> Robot:
         inertia=_inertia(data["inertia"], len(joints), source) if "inertia" in data else None,
         shapes=_shapes(data["shapes"], source, names or default) if "shapes" in data else None,
     )
+    if "motors" not in data:
+        return robot
+    motors = read_record(data["motors"], ("matrix",), "motors", optional=("offset_deg", "names"))
+    scale = np.array([1e-3 if joint.get("type") == "prismatic" else RADIANS_PER_DEGREE for joint in joints])
+    offset = scale * read_vector(motors.get("offset_deg", [0.0] * len(joints)), "motors.offset_deg", len(joints))
+    return robot.with_motors(motors["matrix"], offset=offset, names=motors.get("names"))
 
 
 def _check_home(data: Mapping[str, Any], joints: Sequence[Mapping[str, Any]], limits: JointLimits) -> None:

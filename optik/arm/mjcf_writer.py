@@ -11,6 +11,7 @@ import numpy as np
 
 from optik import se3
 from optik.arm.inertia import Body, Inertia
+from optik.arm.motors import refuse_motors
 from optik.arm.robot import Robot
 from optik.arm.urdf import check_xml_names
 from optik.check import check_flag, check_number
@@ -128,6 +129,7 @@ def to_mjcf(
     check_flag(limits, "limits")
     _check_payload(robot)
     check_xml_names(robot)
+    refuse_motors(robot, "MJCF")
     root = _root(robot, step, limits)
     ET.indent(root)
     text = ET.tostring(root, encoding="unicode") + "\n"

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from optik import dynamics, se3
 from optik.arm.inertia import STANDARD_GRAVITY, Inertia, Load, Payload, arm_loads, payload_masses
 from optik.arm.limits import JointLimits, freeze
+from optik.arm.motors import Motors, with_motors
 from optik.arm.shapes.model import PAYLOAD, Shapes
 from optik.check import check_flag, check_number, check_words, format_value, real_array
 from optik.errors import InvalidInput, RobotModelError
@@ -85,6 +86,7 @@ class ArmModel:
     inertia: Inertia | None = None
     payload: Payload | None = None
     shapes: Shapes | None = None
+    motors: Motors | None = None
 
     def __post_init__(self) -> None:
         for field in ("name", "source"):
@@ -108,6 +110,8 @@ class ArmModel:
             "shapes": _check_shapes(self.name, self.shapes, n),
         }
         _check_masses(self.name, self.inertia, self.payload, n)
+        if self.motors is not None and not (isinstance(self.motors, Motors) and len(self.motors.names) == n):
+            raise InvalidInput("motors", repr(self.motors)[:60], f"Motors of {n} joints")
         for field, value in checked.items():
             object.__setattr__(self, field, value)
         if self.shapes is not None and not self.shapes.names:
@@ -132,6 +136,7 @@ class ArmModel:
             "gravity": None if self.gravity_magnitude == STANDARD_GRAVITY else repr(self.gravity_magnitude).encode(),
             "inertia": None if self.inertia is None else self.inertia.content,
             "payload": None if self.payload is None else self.payload.content,
+            "motors": None if self.motors is None else self.motors.content,
         }
         for name, part in later.items():
             if part is not None:
@@ -216,6 +221,34 @@ class ArmModel:
         if not isinstance(new, JointLimits):
             raise InvalidInput("limits", repr(new)[:60], "JointLimits(lower, upper)")
         return replace(self, limits=new.replace(**fields) if fields else new)
+
+    def with_motors(
+        self, matrix: ArrayLike, *, offset: ArrayLike | None = None, names: Sequence[str] | None = None
+    ) -> Self:
+        """Return the arm whose axes are coupled to motors, q = matrix m + offset.
+
+        The present limits, rotor inertias and frictions become those of the motors.
+
+        Parameters
+        ----------
+        matrix : (n, n) array
+            Axes over motors [1].
+        offset : (n,) array, optional
+            Axes with all motors at 0 [rad, m]; by default 0.
+        names : sequence of str, optional
+            Names of the motors; by default motor1 and so on.
+
+        Returns
+        -------
+        Robot
+            Its `limits` are those of the axes that the motors imply; `motors.of` and `motors.axes` convert.
+
+        Raises
+        ------
+        InvalidInput
+            A singular matrix, or wrong lengths.
+        """
+        return with_motors(self, matrix, offset, names)  # type: ignore[no-any-return]
 
     def with_shapes(self, shapes: Shapes | None) -> Self:
         """Return the arm with other shapes."""

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from optik.arm.inertia import STANDARD_GRAVITY, Inertia, Payload
 from optik.arm.limits import JointLimits, VelocityByPosition
 from optik.arm.model import ArmModel
+from optik.arm.motors import LIMIT_FIELDS, Motors
 from optik.arm.shapes.model import Shapes
 from optik.check import check_number
 from optik.errors import InvalidInput
@@ -27,6 +28,8 @@ MASS_KEYS = ("gravity_magnitude", "inertia", "payload")
 """Keys of an arm that are written where they are known, gravity_magnitude where it is not the standard value."""
 INERTIA_KEYS = ("mass", "com", "tensor", "motor", "viscous", "coulomb", "source")
 """Keys of an arm's masses: the fields of `Inertia`."""
+MOTOR_KEYS = ("matrix", "offset", "inertia", "viscous", "coulomb")
+"""Keys of motors that are arrays: fields of `Motors`."""
 PAYLOAD_KEYS = ("mass", "com", "inertia")
 """Keys of a payload: the fields of `Payload`."""
 SHAPES_KEYS = ("link", "a", "b", "radius", "excess", "names", "apart", "source")
@@ -142,12 +145,13 @@ def arm_to_dict(arm: ArmModel) -> dict[str, Any]:
         "source": arm.source,
         **masses,
         **({} if arm.shapes is None else {"shapes": shapes_to_dict(arm.shapes)}),
+        **({} if arm.motors is None else {"motors": _motors_to_dict(arm.motors)}),
     }
 
 
 def arm_from_dict(data: Any) -> ArmModel:
     """Read an arm from plain data; see `Robot.from_dict`."""
-    data = read_record(data, ARM_KEYS, "robot", optional=(*MASS_KEYS, "shapes"))
+    data = read_record(data, ARM_KEYS, "robot", optional=(*MASS_KEYS, "shapes", "motors"))
     joint_names = read_words(data["joint_names"], "robot.joint_names")
     n, prismatic = len(joint_names), data["prismatic"]
     if not isinstance(prismatic, list) or len(prismatic) != n or any(type(p) is not bool for p in prismatic):
@@ -174,7 +178,25 @@ def arm_from_dict(data: Any) -> ArmModel:
         inertia=_inertia(data["inertia"], n) if "inertia" in data else None,
         payload=_payload(data["payload"]) if "payload" in data else None,
         shapes=shapes_from_dict(data["shapes"]) if "shapes" in data else None,
+        motors=_motors_from_dict(data["motors"], n) if "motors" in data else None,
     )
+
+
+def _motors_to_dict(motors: Motors) -> dict[str, Any]:
+    """Return motors as plain data."""
+    limits = {k: numbers_to_list(v) for k in LIMIT_FIELDS if (v := getattr(motors.limits, k)) is not None}
+    return {"names": list(motors.names), "limits": limits} | {
+        k: numbers_to_list(getattr(motors, k)) for k in MOTOR_KEYS
+    }
+
+
+def _motors_from_dict(data: Any, n: int) -> Motors:
+    """Read motors from plain data."""
+    data = read_record(data, ("names", "limits", *MOTOR_KEYS), "robot.motors")
+    limits = read_record(data["limits"], ("lower", "upper"), "robot.motors.limits", optional=LIMIT_FIELDS[2:])
+    arrays = {k: read_numbers(data[k], (n, n) if k == "matrix" else (n,), f"robot.motors.{k}") for k in MOTOR_KEYS}
+    own: dict[str, Any] = {k: read_numbers(v, (n,), f"robot.motors.limits.{k}") for k, v in limits.items()}
+    return Motors(names=read_words(data["names"], "robot.motors.names"), limits=JointLimits(**own), **arrays)
 
 
 def _inertia(data: Any, n: int) -> Inertia:

@@ -61,6 +61,8 @@ class Robot(ArmDynamics):
         A body in the tool's frame; see `with_payload`.
     shapes : Shapes, optional
         Capsules that enclose the links.
+    motors : Motors, optional
+        Motors that move the axes together; see `with_motors`.
 
     Raises
     ------

@@ -20,6 +20,7 @@ from optik.arm.branches import MOVING, hold_joints
 from optik.arm.inertia import Body, Inertia, check_body, join_bodies, transform_body
 from optik.arm.limits import LARGEST_LIMIT, JointLimits, VelocityByPosition, warn_of_degrees
 from optik.arm.model import ArmModel
+from optik.arm.motors import refuse_motors
 from optik.arm.tips import find_tip
 from optik.arm.urdf_tree import Joint, Tree, join_names, joint_origin, origin_pose, read_number, read_tree, read_triple
 from optik.check import check_flag, check_words
@@ -227,11 +228,8 @@ def _limits(robot: str, joint: Joint) -> tuple[float, float, float]:
 
 def _read_dynamic_limits(robot: str, joints: list[Joint]) -> dict[str, Any]:
     """Read the limits that few files have: further attributes of <limit>, and libfranka's <position_based_velocity_limits>."""
-    found: dict[str, Any] = {}
-    for name in LIMIT_ATTRIBUTES:
-        values = np.array([_positive(robot, joint, "limit", name) or np.inf for joint in joints])
-        if np.isfinite(values).any():
-            found[name] = values
+    given = {name: [_positive(robot, joint, "limit", name) or np.inf for joint in joints] for name in LIMIT_ATTRIBUTES}
+    found: dict[str, Any] = {name: np.array(values) for name, values in given.items() if np.isfinite(values).any()}
     offset, deceleration = (
         np.array([_positive(robot, joint, BY_POSITION, name) for joint in joints])
         for name in ("velocity_offset", "deceleration_limit")
@@ -339,6 +337,7 @@ def _bodies(tree: Tree, link: str) -> list[Body]:
 def write_urdf(arm: ArmModel, path: str | os.PathLike[str] | None = None) -> str:
     """Return an arm as URDF text, and write it to a file if a path is given; see `Robot.to_urdf`."""
     check_xml_names(arm)
+    refuse_motors(arm, "URDF")
     lines = ['<?xml version="1.0"?>', f"<robot name={quoteattr(arm.name)}>", '  <link name="base"/>']
     before = "base"
     links = _link_bodies(arm)
@@ -432,8 +431,8 @@ def _by_position_lines(arm: ArmModel, i: int) -> list[str]:
     slowed = arm.limits.velocity_by_position
     if slowed is None or not np.isfinite(slowed.deceleration[i]):
         return []
-    offset, deceleration = float(slowed.offset[i]), float(slowed.deceleration[i])
-    return [f'    <{BY_POSITION} velocity_offset="{offset!r}" deceleration_limit="{deceleration!r}"/>']
+    o, d = float(slowed.offset[i]), float(slowed.deceleration[i])
+    return [f'    <{BY_POSITION} velocity_offset="{o!r}" deceleration_limit="{d!r}"/>']
 
 
 def roll_pitch_yaw(R: Array) -> tuple[float, float, float]:

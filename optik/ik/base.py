@@ -291,7 +291,12 @@ class IKSolver(ABC):
         return result._replace(status=IKStatus.UNREACHABLE, message=message)
 
     def _name_missing(self, result: IKResult) -> IKResult:
-        """Return a failure with the status TOO_FEW_JOINTS if the arm has fewer joints than the task has components."""
+        """Return a failure with the status TOO_FEW_JOINTS if the arm has fewer joints than the task has components.
+
+        A failure outside the limits of an arm with coupled motors names the box of axes.
+        """
+        if result.status is IKStatus.OUTSIDE_LIMITS and self.robot.motors is not None:
+            return result._replace(message="the target was met only outside the box of axes inside the motors' ranges")
         # A method that could not take a step says why itself.
         ended = result.iterations and result.status in (IKStatus.MAX_ITERATIONS, IKStatus.STALLED)
         if not self._missing or not ended:

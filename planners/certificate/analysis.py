@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
+from optik.arm.inertia import Load
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
 from optik.types import Array, Flags
@@ -16,7 +17,7 @@ from planners.certificate.effort import stretch_factor
 from planners.certificate.path_error import ERROR_FLOOR, Passage, PathError, path_error
 from planners.certificate.projection import NEAREST_TURN
 from planners.certificate.segment_speed import segment_speed
-from planners.certificate.torque import TORQUE_INTERVALS, TorqueBounds
+from planners.certificate.torque import TORQUE_INTERVALS, TorqueBounds, fourth_bounds_of
 from planners.limits.inputs import Enclose, Evaluate, LimitedMotion, TorqueRatios
 from planners.paths.base import Path
 from planners.trajectory import Trajectory
@@ -116,15 +117,21 @@ class MotionAnalysis(LimitedMotion):
         return self.bounds.joints_at(piece, t.ravel()).reshape(*t.shape, 6, -1), t
 
     @cached_property
-    def peaks(self) -> dict[Hashable, tuple[float, float]]:
-        """Results of `prove_peak`, by key."""
+    def peaks(self) -> dict[Hashable, tuple[Array, Array]]:
+        """Results of `prove_peaks`, by key."""
         return {}
 
-    def prove_peak(self, key: Hashable, evaluate: Evaluate, enclose: Enclose, excess: float) -> tuple[float, float]:
-        """Return a proved bound on a value over the motion, within a fraction of the largest one found, and its time [s]."""
+    def prove_peaks(
+        self, key: Hashable, evaluate: Evaluate, enclose: Enclose, excess: float, count: int = 1
+    ) -> tuple[Array, Array]:
+        """Return proved bounds (count,) on values over the motion, within a fraction of the largest found, and their times."""
         if key not in self.peaks:
-            self.peaks[key] = peak.prove_peak(self.bounds, evaluate, enclose, excess)
+            self.peaks[key] = peak.prove_peaks(self.bounds, evaluate, enclose, excess, count)
         return self.peaks[key]
+
+    def fourth_bounds(self, load: Load, D: Array) -> Array:
+        """Return bounds (k, n) on the fourth derivatives of the joint torques from those of the joints (k, 6, n)."""
+        return fourth_bounds_of(self.robot, load, D)
 
     @cached_property
     def torques(self) -> TorqueBounds:

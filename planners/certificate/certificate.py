@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from optik.arm.motors import maker_names
 from optik.card import Bar, Card
 from optik.check import format_count, format_ratio, real_array
 from optik.errors import InvalidInput, InvalidMotion
@@ -216,9 +217,11 @@ class Certificate:
         InvalidInput
             No limit of that name.
         """
-        found = self.extreme(field)
-        subject = kind_of(field).subject
-        return found.worst(self.joint_names if subject is None else (subject,))
+        found, kind = self.extreme(field), kind_of(field)
+        if kind.subject is not None:
+            return found.worst((kind.subject,))
+        bound = self.parts[-1].limits.value(field) if field in self.extra else None
+        return found.worst(kind.subjects(self.motion.robot, bound))
 
     @cached_property
     def violations(self) -> tuple[Violation, ...]:
@@ -227,7 +230,7 @@ class Certificate:
         return (
             *self._limit_violations(),
             *find_continuity_violations(self.continuous, self.jump, self.joint_names),
-            *find_position_violations(self.position_margin, self.joint_names, self.t_position_margin),
+            *find_position_violations(self.position_margin, maker_names(self.motion.robot), self.t_position_margin),
             *self.coverage.find_violations(self.tolerance, self.duration),
             *moving,
             *self.path_error.find_violations(self.tolerance),
@@ -379,7 +382,8 @@ def active_constraints(parts: tuple[LimitedPart, ...], t: Array, s: Array) -> Bi
     each = [(part.motion.bare(), part.limits.bounds(robot.n)) for part in parts]
     rows = [[kind.piece_ratios(motion, bounds[kind.name]) for kind in kinds] for motion, bounds in each]
     ratios = np.concatenate([np.concatenate(ratios, axis=1) for ratios in rows], axis=0)
-    columns = [(kind.name, subject) for kind in kinds for subject in kind.subjects(robot)]
+    bounds = each[-1][1]
+    columns = [(kind.name, subject) for kind in kinds for subject in kind.subjects(robot, bounds[kind.name])]
     which = ratios.argmax(axis=1)
     limit, joint = zip(*(columns[i] for i in which), strict=True)
     return Binding(t, s, np.diff(s) / np.diff(t), ratios[np.arange(which.size), which], limit, joint)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from optik import kinematics, linear
-from optik.arm.limits import LIMIT_TOLERANCE
+from optik.arm.limits import LIMIT_TOLERANCE, JointLimits
 from optik.arm.robot import Robot
 from optik.check import check_number
 from optik.compiled import compiled
@@ -18,19 +18,27 @@ from optik.types import Array, Flags
 from planners.certificate.path_error import Passage
 from planners.certificate.violation import Violation
 from planners.paths.base import Path
-from planners.trajectory import Trajectory
+from planners.trajectory import Extrema, Trajectory, map_joints
+
+
+def _reach(robot: Robot, trajectory: Trajectory) -> tuple[Extrema, JointLimits]:
+    """Return the positions that a motion reaches, and their limits: of the joints, or of the motors that move them together."""
+    if robot.motors is None:
+        return trajectory.extrema(0), robot.limits
+    moved = map_joints(trajectory, robot.motors.inverse, robot.motors.of(np.zeros(robot.n)))
+    return moved.extrema(0), robot.motors.limits
 
 
 def position_margins(robot: Robot, trajectory: Trajectory) -> Array:
-    """Return the least distance of every joint to its position limits over a motion."""
-    reach = trajectory.extrema(0)
-    return np.minimum(reach.least - robot.limits.lower, robot.limits.upper - reach.greatest)
+    """Return the least distance of every joint, or motor, to its position limits over a motion."""
+    reach, limits = _reach(robot, trajectory)
+    return np.minimum(reach.least - limits.lower, limits.upper - reach.greatest)
 
 
 def position_times(robot: Robot, trajectory: Trajectory) -> Array:
     """Return the times at which the joints are nearest to their position limits (n,) [s]."""
-    reach = trajectory.extrema(0)
-    lower = reach.least - robot.limits.lower < robot.limits.upper - reach.greatest
+    reach, limits = _reach(robot, trajectory)
+    lower = reach.least - limits.lower < limits.upper - reach.greatest
     return np.where(lower, reach.t_least, reach.t_greatest)
 
 

@@ -15,26 +15,28 @@ PEAK_INTERVALS = 200_000
 """Largest number of bounded intervals; the bound on what is left is then not close."""
 
 
-def prove_peak(motion: MotionBounds, evaluate: Evaluate, enclose: Enclose, excess: float) -> tuple[float, float]:
-    """Return a proved bound on a value, at most a fraction `excess` above the largest one found, and the time of that one."""
+def prove_peaks(
+    motion: MotionBounds, evaluate: Evaluate, enclose: Enclose, excess: float, count: int
+) -> tuple[Array, Array]:
+    """Return proved bounds (count,) on values, at most a fraction `excess` above the largest found, and the times of these."""
     piece, (left, right) = np.arange(motion.knots.size - 1), motion.joint_ends
     begin, end = motion.knots[:-1].copy(), motion.knots[1:].copy()
     first, last = evaluate(left), evaluate(right)
-    found, when, proved, count = -np.inf, 0.0, -np.inf, 0
+    found, when, proved, intervals = np.full(count, -np.inf), np.zeros(count), np.full(count, -np.inf), 0
     for _ in range(DIVISIONS):
         for at, values in ((begin, first), (end, last)):
-            k = int(values[:, 0].argmax())
-            if values[k, 0] > found:
-                found, when = float(values[k, 0]), float(at[k])
+            k, most = values[:, :count].argmax(axis=0), values[:, :count].max(axis=0)
+            found, when = np.maximum(found, most), np.where(most > found, at[k], when)
         h = end - begin
         B, P = np.empty((2, h.size, motion.robot.n + 1, 7))
-        _link_bounds(motion.lengths, np.asarray(motion.robot.prismatic), left, h, B, P)
-        bound = enclose(first, last, h, B, P)
-        count += h.size
-        wide = (bound > found * (1.0 + excess)) & (h > NARROWEST_SHARE * motion.knots[-1])
-        if count > PEAK_INTERVALS:
+        D = np.empty((h.size, 6, motion.robot.n))
+        _link_bounds(motion.lengths, np.asarray(motion.robot.prismatic), left, h, D, B, P)
+        bound = enclose(first, last, h, B, P, D).reshape(h.size, count)
+        intervals += h.size
+        wide = (bound > found * (1.0 + excess)).any(axis=1) & (h > NARROWEST_SHARE * motion.knots[-1])
+        if intervals > PEAK_INTERVALS:
             wide[:] = False
-        proved = max(proved, float(bound[~wide].max(initial=-np.inf)))
+        proved = np.maximum(proved, bound[~wide].max(axis=0, initial=-np.inf))
         if not wide.any():
             break
         piece, h = np.repeat(piece[wide], DIVIDED), h[wide]
@@ -47,13 +49,12 @@ def prove_peak(motion: MotionBounds, evaluate: Evaluate, enclose: Enclose, exces
         ends = np.concatenate([first[wide][:, None], values, last[wide][:, None]], axis=1)
         first, last = (np.ascontiguousarray(x.reshape(-1, x.shape[2])) for x in (ends[:, :-1], ends[:, 1:]))
         begin, end = cuts[:, :-1].ravel(), cuts[:, 1:].ravel()
-    return max(proved, found), when
+    return np.maximum(proved, found), when
 
 
 @compiled
-def _link_bounds(lengths: Array, prismatic: Flags, joints: Array, h: Array, B: Array, P: Array) -> None:
-    """Write the bounds of `link_bounds` (k, n + 1, 7) over [0, h] from the derivatives (k, 6, n) at its beginning."""
-    D = np.empty(joints.shape[1:])
+def _link_bounds(lengths: Array, prismatic: Flags, joints: Array, h: Array, D: Array, B: Array, P: Array) -> None:
+    """Write the bounds of `joint_bounds` and `link_bounds` over [0, h] from the derivatives (k, 6, n) at its beginning."""
     for k in range(h.shape[0]):
-        joint_bounds(joints[k], h[k], D)
-        link_bounds(lengths, prismatic, D, B[k], P[k])
+        joint_bounds(joints[k], h[k], D[k])
+        link_bounds(lengths, prismatic, D[k], B[k], P[k])

@@ -98,6 +98,20 @@ def fourth_bounds(arm: Sizes, D: Array, still: bool, work: Array, out: Array) ->
             out[i] += total
 
 
+def fourth_bounds_of(robot: Robot, load: Load, D: Array) -> Array:
+    """Return bounds (k, n) on the fourth derivatives of the torques of a load from those of the joints (k, 6, n)."""
+    out = np.empty((len(D), robot.n))
+    _fourths_of(sizes(robot, load), D, out)
+    return out
+
+
+@compiled
+def _fourths_of(arm: Sizes, D: Array, out: Array) -> None:
+    space = np.empty((2, D.shape[2] + 1, 7))
+    for k in range(D.shape[0]):
+        fourth_bounds(arm, D[k], False, space, out[k])
+
+
 @compiled
 def cubic_range(a: float, b: float, c: float, d: float, h: float) -> tuple[float, float]:
     """Return the least and the greatest value on [0, h] of the cubic with given values and rates at both ends.

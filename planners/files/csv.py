@@ -8,6 +8,7 @@ import json
 
 import numpy as np
 
+from optik.arm.motors import maker_joints, maker_names
 from optik.check import check_number
 from optik.errors import InvalidInput
 from optik.file_io import decode_text, parse_json
@@ -73,8 +74,9 @@ def _table(motion: Motion, rate: float | None) -> tuple[list[str], Array]:
         if count >= MOST_TABLE_ROWS:
             raise InvalidInput("rate", f"{rate:g}, which is {count:.3g} points", f"at most {MOST_TABLE_ROWS} points")
         t = np.append(t[0] + np.arange(count) / rate, t[-1])
-    columns = ["t", *(f"{kind}_{name}" for kind in ("q", "dq", "ddq") for name in motion.robot.joint_names)]
-    return columns, np.hstack([t[:, None], *(motion.trajectory(t, order) for order in range(3))])
+    columns = ["t", *(f"{kind}_{name}" for kind in ("q", "dq", "ddq") for name in maker_names(motion.robot))]
+    states = (maker_joints(motion.robot, motion.trajectory(t, order), order) for order in range(3))
+    return columns, np.hstack([t[:, None], *states])
 
 
 def _check_table(rows: list[list[str]], motion: Motion, rate: float | None) -> None:

@@ -12,6 +12,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
+from optik.arm.motors import maker_joints
 from optik.arm.robot import Robot
 from optik.check import locate_error
 from optik.errors import InvalidInput
@@ -24,7 +25,7 @@ from planners.motion import Motion
 from planners.paths.goal import find_continuous
 from planners.ros.export import MESSAGE_SUFFIXES, JointNames, find_columns
 from planners.ros.message import POINT_FIELDS, Form, MessagePoints, from_text, read_points
-from planners.trajectory import Trajectory
+from planners.trajectory import Trajectory, map_joints
 from planners.trajectory.controller import INTERPOLATIONS, trajectory_through
 
 READ_SUFFIXES = (".csv", *MESSAGE_SUFFIXES)
@@ -94,7 +95,10 @@ def load_trajectory(
     names = Form("", find_columns(robot, joint_names)).names
     try:
         found = _read_found(FilePath(file), suffix, robot, names, columns, ignore)
-        trajectory = _build(found, robot, interpolation, start, unwrap)
+        begin = None if start is None else maker_joints(robot, robot.configuration(start, "start"))
+        trajectory = _build(found, robot, interpolation, begin, unwrap)
+        if robot.motors is not None:
+            trajectory = map_joints(trajectory, robot.motors.matrix, robot.motors.offset)
     except InvalidInput as error:
         own = error.argument in ("interpolation", "start", "ignore", "unwrap") or str(file) in error.argument
         raise (error if own else locate_error(file, error)) from None

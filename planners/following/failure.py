@@ -134,6 +134,7 @@ def explain_end(robot: Robot, path: Path, reach: Array, ended: TrackEnd, q: Arra
         i, name = ended.joint, robot.joint_names[ended.joint]
         low, high = robot.limits.lower[i], robot.limits.upper[i]
         reason = f"{name} reaches the end of its range [{low:.6g}, {high:.6g}] {joint_unit(robot, i)} at {at}"
+        reason += "" if robot.motors is None else ", outside the box of axes inside the motors' ranges"
         return PlanFailure(FollowStatus.OUTSIDE_LIMITS, s, name, reason + _ask_unit(path, reach), "", sigma)
     status, reason = _explain_beyond(robot, path, reach, ended, q, sigma)
     reason = f"{reason}; smallest singular value {sigma:.2g}{_ask_unit(path, reach)}"

@@ -285,13 +285,15 @@ class Limit(ABC):
 
     # ------------------------------------------------------------ judgement
 
-    def subjects(self, robot: Robot) -> tuple[str, ...]:
+    def subjects(self, robot: Robot, bound: Any = None) -> tuple[str, ...]:
         """Return the names of the limited joints, or of the limited part.
 
         Parameters
         ----------
         robot : Robot
             The arm.
+        bound : array or record, optional
+            Result of `array` [as `units`].
 
         Returns
         -------

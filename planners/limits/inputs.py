@@ -9,6 +9,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
+from optik.arm.inertia import Load
 from optik.arm.robot import Robot
 from optik.types import Array, Flags
 from planners.paths.base import Path
@@ -56,10 +57,11 @@ def plain(values: Array) -> list[float | None]:
 
 
 Evaluate = Callable[[Array], Array]
-"""From the joints' derivatives (k, 6, n) to (k, d): the value, then what `Enclose` needs."""
-Enclose = Callable[[Array, Array, Array, Array, Array], Array]
-"""From two results of `Evaluate` at the ends of intervals, their durations (k,) [s], and bounds (k, n + 1, 7) on the
-derivatives of the links' rotations [1/s^i] and of their joints' origins [m/s^i], to upper bounds (k,) on the value inside."""
+"""From the joints' derivatives (k, 6, n) to (k, d): the values, then what `Enclose` needs."""
+Enclose = Callable[[Array, Array, Array, Array, Array, Array], Array]
+"""From two results of `Evaluate` at the ends of intervals, their durations (k,) [s], and bounds on the derivatives of the
+links' rotations (k, n + 1, 7) [1/s^i], of their joints' origins (k, n + 1, 7) [m/s^i] and of the joints (k, 6, n), to bounds
+on the values inside."""
 
 
 class TorqueRatios(NamedTuple):
@@ -117,8 +119,13 @@ class LimitedMotion(Protocol):
     def states(self, shares: Array) -> tuple[Array, Array]:
         """Return the joints' derivatives (m, k, 6, n) of order 0 to 5 at fractions (k,) of each piece, and the times (m, k)."""
 
-    def prove_peak(self, key: Hashable, evaluate: Evaluate, enclose: Enclose, excess: float) -> tuple[float, float]:
-        """Return a proved bound on a value over the motion, within a fraction of the largest one found, and its time [s]."""
+    def prove_peaks(
+        self, key: Hashable, evaluate: Evaluate, enclose: Enclose, excess: float, count: int = 1
+    ) -> tuple[Array, Array]:
+        """Return proved bounds (count,) on values over the motion, within a fraction of the largest found, and their times."""
+
+    def fourth_bounds(self, load: Load, D: Array) -> Array:
+        """Return bounds (k, n) on the fourth derivatives of the joint torques from those of the joints (k, 6, n)."""
 
     def torque_ratios(self, bound: Array, *, rate: bool) -> TorqueRatios:
         """Return proved bounds on the ratios of joint torques, or of their rates, to the limits (2, n)."""

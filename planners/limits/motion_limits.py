@@ -42,6 +42,15 @@ def _find_records(robot: Robot) -> dict[str, Any]:
         line = {"acceleration": speeding, "deceleration": limits.deceleration, "free_speed": np.inf}
         found["acceleration_by_velocity"] = kind_of("acceleration_by_velocity").check(line)
         found["acceleration"] = np.maximum(speeding, limits.deceleration)
+    if robot.motors is not None:
+        own, E = robot.motors.limits, robot.motors.inverse
+        matrices = {"velocity": E, "acceleration": E, "jerk": E}
+        if robot.inertia is not None:
+            matrices |= {"torque": robot.motors.matrix.T, "torque_rate": robot.motors.matrix.T}
+        for name, matrix in matrices.items():
+            if (bound := getattr(own, name)) is not None:
+                record = {"matrix": matrix, "bound": bound, "names": robot.motors.names}
+                found[f"motor_{name}"] = kind_of(f"motor_{name}").check(record)
     return found
 
 

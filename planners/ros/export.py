@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from optik.arm.motors import from_maker, maker_names
 from optik.arm.robot import Robot
 from optik.check import check_number
 from optik.errors import InvalidInput
@@ -158,7 +159,7 @@ def _write_events(file: FilePath, motion: Motion, sent: RosExport) -> None:
 def _form(motion: Motion, interpolation: str, joint_names: JointNames, frame_id: str) -> Form:
     if not isinstance(frame_id, str) or not frame_id.isprintable():
         raise InvalidInput("frame_id", repr(frame_id)[:60], "a name")
-    return Form(interpolation, find_columns(motion.robot, joint_names), frame_id)
+    return Form(interpolation, find_columns(motion.robot, joint_names), frame_id, motion.robot.motors)
 
 
 def _checked_rate(motion: Motion, rate: float | None, strict: bool, keep_speed: bool) -> float | None:
@@ -173,7 +174,7 @@ def _checked_rate(motion: Motion, rate: float | None, strict: bool, keep_speed: 
 
 def find_columns(robot: Robot, joint_names: JointNames) -> dict[str, int]:
     """Return the index of the joint of each written name, in the order of writing."""
-    ours = robot.joint_names
+    ours = maker_names(robot)
     if joint_names is None:
         chosen: dict[Any, Any] = {name: name for name in ours}
     elif isinstance(joint_names, Mapping):
@@ -214,7 +215,8 @@ def _check_start(motion: Motion, start: Any, tolerance: float, columns: dict[str
         missing = [name for name in columns if name not in start]
         if missing:
             raise InvalidInput("start", f"none for {', '.join(missing)}", f"positions of {', '.join(columns)}")
-        start = [start[name] for name in sorted(columns, key=lambda name: columns[name])]
+        given = [start[name] for name in sorted(columns, key=lambda name: columns[name])]
+        start = from_maker(motion.robot, motion.robot.configuration(given, "start"))
     off = np.abs(motion.robot.configuration(start, "start") - motion.trajectory(0.0))
     if (off > tolerance).any():
         i = int(np.argmax(off))

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from optik.arm.motors import Motors
 from optik.arm.plain import read_list
 from optik.errors import InvalidInput
 from optik.file_io import parse_json, parse_yaml
@@ -24,11 +25,12 @@ POINT_FIELDS = ("positions", "velocities", "accelerations")
 
 
 class Form(NamedTuple):
-    """The form of a message: its interpolation, the joint index of each written name, and its frame."""
+    """The form of a message: its interpolation, the index of each written name, its frame, and motors that are written."""
 
     interpolation: str
     columns: dict[str, int]
     frame_id: str = ""
+    motors: Motors | None = None
 
     @property
     def names(self) -> list[str]:
@@ -39,7 +41,9 @@ class Form(NamedTuple):
 def message_of(trajectory: Trajectory, times: Times, form: Form) -> dict[str, Any]:
     """Return the message with a trajectory's exact states at some times."""
     t, order = times / NANOSECONDS, list(form.columns.values())
-    states = sample_states(trajectory, t)[: count_derivatives(form.interpolation)]
+    states = list(sample_states(trajectory, t)[: count_derivatives(form.interpolation)])
+    if form.motors is not None:
+        states = [form.motors.of(x, k) for k, x in enumerate(states)]
     values: list[Any] = [x[:, order].tolist() for x in states]
     values += [[[]] * t.size] * (len(POINT_FIELDS) - len(values))
     points = [

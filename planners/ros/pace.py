@@ -18,7 +18,7 @@ from planners.motion import Motion
 from planners.motion.fit import stretch_factor
 from planners.paths.program import ProgramPath
 from planners.ros.message import Form, Times, message_of, reconstruct
-from planners.trajectory import Trajectory, append_rest
+from planners.trajectory import Trajectory, append_rest, map_joints
 from planners.trajectory.controller import POINTS, count_derivatives
 
 SLOWINGS = 20
@@ -44,6 +44,8 @@ def fit_pace(motion: Motion, form: Form, rate: float | None, strict: bool) -> tu
     for _ in range(SLOWINGS):
         message = message_of(*_set_pace(source, rate, factor, between), form)
         executed = reconstruct(message, form.names)
+        if form.motors is not None:
+            executed = map_joints(executed, form.motors.matrix, form.motors.offset)
         analysis = MotionAnalysis(motion.robot, executed, motion.path)
         needed = stretch_factor(analysis, motion.limits, judged)
         if needed <= 1.0:

@@ -239,8 +239,9 @@ class TimeLaw(ABC):
     def list_enforced(self, limits: MotionLimits) -> tuple[str, ...]:
         """Return the names of the limits that a plan of this law enforces.
 
-        A plan stretches the law's motion until it respects them. So a law that enforces any limit also enforces the extra ones;
-        the torque, if it enforces the acceleration; and the torque rate, if it enforces the jerk.
+        A plan stretches the law's motion until it respects them. So a law that enforces any limit also enforces the extra ones
+        of first and second order; the torque, if it enforces the acceleration; and the torque rate and extra limits of third
+        order, if it enforces the jerk.
 
         Parameters
         ----------
@@ -256,7 +257,8 @@ class TimeLaw(ABC):
             return ()
         of = {"torque": "acceleration", "torque_rate": "jerk"}
         slowed = [name for name in LOADED if of[name] in self.enforced and limits.value(name) is not None]
-        return (*self.enforced, *(name for name in slowed if name not in self.enforced), *(limits.extra or ()))
+        slowed += [name for name in limits.extra or () if kind_of(name).order < 3 or "jerk" in self.enforced]
+        return (*self.enforced, *(name for name in slowed if name not in self.enforced))
 
 
 def find_moving(joint_path: JointPath) -> Flags:

@@ -192,7 +192,7 @@ class _Torque(toppra.constraint.LinearConstraint):  # type: ignore[misc]
     def __init__(self, rows: Array, around: Array | None) -> None:
         super().__init__()
         self.identical = True
-        a, b, f, c = (rows[..., i] for i in range(4))
+        a, b, f, c = (rows[..., i] if i < rows.shape[2] else 0.0 * rows[..., 0] for i in range(4))
         if around is not None:
             v = np.maximum(around, SLOWEST_TANGENT * around.max())[:, None]
             f = np.where((around > 0.0)[:, None], f, 0.0)

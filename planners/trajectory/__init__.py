@@ -9,6 +9,7 @@ from planners.trajectory.trajectory import (
     cut_before,
     join,
     make_rest,
+    map_joints,
     shift_pieces,
 )
 
@@ -21,5 +22,6 @@ __all__ = [
     "cut_before",
     "join",
     "make_rest",
+    "map_joints",
     "shift_pieces",
 ]

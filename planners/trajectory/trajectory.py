@@ -294,6 +294,13 @@ State = tuple[Array, Array, Array]
 """q, q̇ and q̈ (n,)."""
 
 
+def map_joints(trajectory: Trajectory, matrix: Array, offset: Array | float = 0.0) -> Trajectory:
+    """Return the motion of linear combinations of the joints, matrix @ q + offset, at the same knots."""
+    c = np.einsum("pmn,kn->pmk", trajectory.padded, matrix)
+    c[5] += offset
+    return Trajectory(scipy.interpolate.PPoly(c, trajectory.knots, extrapolate=True), trajectory.s)
+
+
 def shift_pieces(c: Array, u: Array) -> Array:
     """Return the coefficients (6, m, n) of the same quintics about u (m,), by repeated Horner steps (Taylor shift)."""
     c, u = c.copy(), u[:, None]

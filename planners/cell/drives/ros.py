@@ -100,6 +100,10 @@ class RosDrive(Drive):
                 raise InvalidInput(argument, repr(value)[:60], f"a {kind.__name__}")
         self.robot, self.transport, self.period = robot, transport, PERIOD
         self.sends = check_flag(execute, "execute")
+        if robot.motors is not None:
+            raise InvalidInput(
+                "robot", f"{robot.name} with coupled motors", "an arm whose joints are its axes; see to_ros"
+            )
         self.joint_names, columns = joint_names, find_columns(robot, joint_names)
         wanted = {"start_tolerance": "rad or m, above 0"}
         given = RosOptions(start_tolerance, state_age, patience, grace, latency, stops_every)._asdict()

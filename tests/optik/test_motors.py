@@ -1,0 +1,133 @@
+"""Motors that move several axes: conversions, implied limits, files of robots, refusals."""
+
+from __future__ import annotations
+
+import json
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import optik
+from optik.arm.mjcf_writer import to_mjcf
+from optik.errors import InvalidInput, RobotModelError
+from optik.types import Array
+
+NAMES = ("M1", "M2", "M3", "M4", "M5", "M6")
+
+
+def coupled_23() -> Array:
+    """Motor 3 turns joint 3 against the ground: m3 = q3 + q2."""
+    C = np.eye(6)
+    C[2, 1] = -1.0
+    return C
+
+
+def wrist() -> Array:
+    """A differential: m5, m6 = q5 ± q6."""
+    C = np.eye(6)
+    C[4:, 4:] = [[0.5, 0.5], [0.5, -0.5]]
+    return C
+
+
+def anyhow(seed: int = 3) -> Array:
+    return np.eye(6) + 0.2 * np.random.default_rng(seed).normal(size=(6, 6))
+
+
+MATRICES = {"joints 2 and 3": coupled_23(), "differential wrist": wrist(), "random": anyhow()}
+
+
+def arm() -> optik.Robot:
+    return optik.load("ur5e").with_limits(acceleration=10.0, jerk=100.0, torque_rate=2000.0)
+
+
+@pytest.mark.parametrize("C", MATRICES.values(), ids=MATRICES)
+def test_motors_and_axes_are_converted_both_ways(C: Array) -> None:
+    rng, offset = np.random.default_rng(1), np.linspace(-0.3, 0.4, 6)
+    motors = arm().with_motors(C, offset=offset, names=NAMES).motors
+    m = rng.normal(size=(50, 6))
+    np.testing.assert_allclose(motors.axes(m), np.array([C @ x + offset for x in m]), atol=1e-14)
+    np.testing.assert_allclose(motors.of(motors.axes(m)), m, atol=1e-13)
+    np.testing.assert_allclose(motors.of(motors.axes(m, 1), 1), m, atol=1e-13)
+
+
+@pytest.mark.parametrize("C", MATRICES.values(), ids=MATRICES)
+def test_axes_have_a_box_inside_the_ranges_and_the_greatest_rates(C: Array) -> None:
+    robot, rng = arm().with_motors(C, names=NAMES), np.random.default_rng(2)
+    motors, limits = robot.motors, robot.limits
+    corners = limits.lower + (limits.upper - limits.lower) * rng.integers(0, 2, (4000, 6))
+    assert motors.limits.contains(motors.of(corners)).all()
+    wider = limits.lower - 0.01 * (limits.upper - limits.lower), limits.upper + 0.01 * (limits.upper - limits.lower)
+    corners = np.where(rng.integers(0, 2, (4000, 6)) == 0, *wider)
+    assert not motors.limits.contains(motors.of(corners)).all()  # none larger of this form
+    for name in ("velocity", "acceleration", "jerk"):
+        most = getattr(motors.limits, name)
+        reached = np.abs((rng.integers(0, 2, (4000, 6)) * 2.0 - 1.0) * most @ C.T).max(axis=0)
+        np.testing.assert_allclose(getattr(limits, name), reached, rtol=1e-12)
+
+
+def test_rotors_and_friction_become_those_of_the_motors() -> None:
+    plain = optik.load("puma560")
+    robot = plain.with_motors(coupled_23())
+    assert (robot.motors.inertia == plain.inertia.motor).all() and plain.inertia.motor.any()
+    assert not robot.inertia.motor.any() and not robot.inertia.viscous.any() and not robot.inertia.coulomb.any()
+
+
+def test_json_pickle_equality_and_hash() -> None:
+    robot = arm().with_motors(wrist(), offset=np.full(6, 0.1), names=NAMES)
+    again = optik.Robot.from_dict(json.loads(json.dumps(robot.to_dict())))
+    assert again == robot == pickle.loads(pickle.dumps(robot)) and hash(again) == hash(robot)
+    for other in (
+        arm(),
+        arm().with_motors(coupled_23(), offset=np.full(6, 0.1), names=NAMES),
+        arm().with_motors(wrist(), names=NAMES),
+    ):
+        assert other != robot and other.fingerprint != robot.fingerprint
+
+
+def test_a_toml_file_has_the_makers_joints(tmp_path: Path) -> None:
+    text = (Path(optik.__file__).parent / "robots" / "ur5.toml").read_text(encoding="utf-8")
+    rows = [[float(x) for x in row] for row in coupled_23()]
+    file = tmp_path / "coupled.toml"
+    table = f"\n[motors]\nmatrix = {rows}\noffset_deg = [0, 0, 90, 0, 0, 0]\nnames = {list(NAMES)}\n"
+    file.write_text(text + table, encoding="utf-8")
+    robot = optik.load(file)
+    assert robot.motors.names == NAMES and robot.motors.offset[2] == np.pi / 2.0
+    assert (robot.motors.limits.velocity == np.pi).all() and robot.limits.velocity[2] == pytest.approx(2.0 * np.pi)
+    for wrong in ("matrix = [[1, 2]]", "matrix = [[0, 0, 0, 0, 0, 0]]"):
+        file.write_text(text + f"\n[motors]\n{wrong}\n", encoding="utf-8")
+        with pytest.raises(InvalidInput, match=r"motors\.matrix"):
+            optik.load(file)
+
+
+@pytest.mark.parametrize(
+    ("matrix", "options", "words"),
+    [
+        (np.ones((6, 6)), {}, "an invertible matrix"),
+        (np.eye(5), {}, "an invertible matrix"),
+        (np.eye(6), {"names": ["a", "b"]}, "6 different names"),
+        (np.eye(6), {"offset": [0.0, 1.0]}, "6 numbers"),
+        ("x", {}, "numbers"),
+    ],
+)
+def test_wrong_couplings_are_refused(matrix, options, words) -> None:
+    with pytest.raises(InvalidInput, match=words):
+        arm().with_motors(matrix, **options)
+
+
+def test_formats_without_a_place_for_them_refuse_them_by_name() -> None:
+    robot = arm().with_motors(wrist(), names=NAMES)
+    for write in (lambda: robot.to_urdf(), lambda: to_mjcf(robot)):
+        with pytest.raises(RobotModelError, match="M1, M2, M3, M4, M5, M6 are coupled"):
+            write()
+
+
+def test_a_target_outside_the_box_says_so() -> None:
+    robot = optik.load("paper6r").with_motors(coupled_23())
+    rng, words = np.random.default_rng(5), set()
+    for m in robot.motors.limits.sample(rng, 40):
+        found = optik.solve_ik(robot, robot.fk(robot.motors.axes(m)), robot.limits.middle)
+        assert not found or robot.motors.limits.contains(robot.motors.of(found.q))
+        words |= set() if found else {found.message}
+    assert words == {"the target was met only outside the box of axes inside the motors' ranges"}

@@ -1,0 +1,140 @@
+"""Motions of arms with coupled motors, judged by formulas of their own."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import optik
+from optik.errors import InvalidInput
+from optik.types import Array
+from planners import JointLine, MotionLimits, Plan, certify, load_motion, load_trajectory, plan, replan, save, to_ros
+from planners.files.base import from_plain, to_plain
+from tests.optik.test_motors import MATRICES, NAMES
+
+BENT = np.array([0.3, -0.5, 0.6, -0.4, 0.5, 0.2])
+TURN = np.array([1.0, -0.7, 0.8, 0.9, -1.0, 1.1])
+
+
+def arm(C: Array) -> optik.Robot:
+    plain = optik.load("puma560").with_payload(2.0)
+    return plain.with_limits(velocity=2.5, acceleration=15.0, jerk=150.0, torque_rate=3000.0).with_motors(
+        C, names=NAMES
+    )
+
+
+def planned(name: str, law: str = "optimal") -> Plan:
+    robot = arm(MATRICES[name])
+    start = np.clip(BENT, robot.limits.lower + 0.01, robot.limits.upper - 0.01)
+    goal = np.clip(BENT + TURN, robot.limits.lower + 0.01, robot.limits.upper - 0.01)
+    return plan(robot, JointLine(robot, start, goal), start, timing=law, allow="jerk")
+
+
+def motor_torques(found: Plan, count: int = 20_001) -> tuple[Array, Array]:
+    """τ_m = Cᵀ τ_q + I m̈ + friction, and its rate by differences."""
+    robot, motion = found.robot, found.trajectory
+    motors, t = robot.motors, np.linspace(0.0, motion.end, count)
+    E = np.linalg.inv(motors.matrix)
+    v, a = motion(t, 1) @ E.T, motion(t, 2) @ E.T
+    smooth = (
+        robot.torques(motion(t), motion(t, 1), motion(t, 2)) @ motors.matrix + motors.inertia * a + motors.viscous * v
+    )
+    sign = np.where(np.abs(v) > 1e-9, np.sign(v), np.sign(smooth))  # at rest either sign
+    return smooth + motors.coulomb * sign, np.diff(smooth, axis=0) / np.diff(t)[:, None]
+
+
+@pytest.mark.parametrize("law", ["optimal", "toppra", "ruckig", "smooth"])
+@pytest.mark.parametrize("name", MATRICES)
+def test_motors_are_within_their_limits(name: str, law: str) -> None:
+    found = planned(name, law)
+    assert found
+    motors, motion = found.robot.motors, found.trajectory
+    t, E = np.linspace(0.0, motion.end, 20_001), np.linalg.inv(motors.matrix)
+    orders = {"velocity": 1, "acceleration": 2, "jerk": 3}
+    peaks = {
+        field: float((np.abs(motion(t, k) @ E.T) / getattr(motors.limits, field)).max()) for field, k in orders.items()
+    }
+    torque, rate = motor_torques(found)
+    peaks["torque"] = float((np.abs(torque) / motors.limits.torque).max())
+    peaks["torque_rate"] = float((np.abs(rate) / motors.limits.torque_rate).max())
+    for field, peak in peaks.items():
+        if field in ("jerk", "torque_rate") and law == "toppra":
+            continue
+        proved = found.certificate.worst(f"motor_{field}")
+        assert peak <= 1.0 + 1e-6 and peak <= proved[0] * (1.0 + 1e-6)
+        assert proved[1] in NAMES
+        if field != "torque_rate":  # whose differences pass over its steps
+            assert proved[0] <= peak * 1.02 + 1e-3
+    assert (
+        max(found.certificate.worst(field)[0] for field in found.certificate.enforced if field in found.limits.extra)
+        > 0.97
+    )
+
+
+def test_the_torque_that_binds_is_met() -> None:
+    robot = arm(MATRICES["joints 2 and 3"])
+    limits = MotionLimits.of(robot)
+    free = planned("joints 2 and 3")
+    torque, _ = motor_torques(free)
+    least = np.abs(
+        robot.gravity_torques(free.trajectory(np.linspace(0.0, free.duration, 200))) @ robot.motors.matrix
+    ).max(axis=0)
+    most = (
+        least
+        + robot.motors.coulomb
+        + 0.75 * np.maximum(np.abs(torque).max(axis=0) - least - robot.motors.coulomb, 0.05)
+    )
+    tight = robot.motors.matrix.T
+    from planners.limits._combination import Combination
+
+    given = Combination(tight, most, NAMES)
+    found = plan(robot, free.path, free.trajectory(0.0), limits=MotionLimits.of(robot, motor_torque=given))
+    assert found and found.duration > free.duration * 1.01
+    torque, _ = motor_torques(found)
+    assert 0.95 < (np.abs(torque) / most).max() <= 1.0 + 1e-6
+    assert limits.value("motor_torque").names == NAMES
+
+
+def test_the_range_of_a_motor_is_judged_exactly() -> None:
+    robot = arm(MATRICES["joints 2 and 3"])
+    middle = robot.motors.of(robot.limits.middle)
+    m = middle.copy()
+    m[2] = robot.motors.limits.upper[2] + 0.02
+    start, wide = robot.motors.axes(middle), robot.with_limits(lower=np.full(6, -9.0), upper=np.full(6, 9.0))
+    far = JointLine(wide, start, robot.motors.axes(m))
+    motion = plan(wide, far, start, allow="limits")
+    proof = certify(robot, far, motion.trajectory)
+    assert any("M3 exceeds its range by 0.02" in words for words in proof.reasons)
+
+
+def test_files_and_messages_have_the_makers_joints(tmp_path: Path) -> None:
+    found = planned("differential wrist")
+    robot = found.robot
+    for suffix in (".json", ".npz", ".csv"):
+        save(found, tmp_path / f"a{suffix}")
+        again = load_motion(tmp_path / f"a{suffix}")
+        assert again.robot == robot and (again.trajectory.coefficients == found.trajectory.coefficients).all()
+    rows = [row for row in csv.reader((tmp_path / "a.csv").read_text().splitlines()) if not row[0].startswith("#")]
+    assert rows[0][1:7] == [f"q_{name}" for name in NAMES]
+    table = np.array(rows[1:], dtype=float)
+    np.testing.assert_allclose(table[:, 1:7], robot.motors.of(found.trajectory(table[:, 0])), atol=1e-12)
+    to_ros(found, tmp_path / "a.yaml")
+    read = load_trajectory(tmp_path / "a.yaml", robot)
+    t = np.linspace(0.0, min(read.end, found.duration), 300)
+    np.testing.assert_allclose(read(t), found.trajectory(t), atol=1e-7)
+
+
+def test_a_motion_of_another_matrix_is_refused(tmp_path: Path) -> None:
+    data = to_plain(planned("differential wrist").motion)
+    data["robot"]["motors"]["matrix"][4][4] = 0.6
+    with pytest.raises(InvalidInput):
+        from_plain(data)
+
+
+def test_stops() -> None:
+    found = planned("random")
+    stop = replan(found, 0.4 * found.duration, stop=True)
+    assert stop and stop.certificate.worst("motor_acceleration")[0] <= 1.0
