@@ -95,8 +95,7 @@ def load_trajectory(
     names = Form("", find_columns(robot, joint_names)).names
     try:
         found = _read_found(FilePath(file), suffix, robot, names, columns, ignore)
-        begin = None if start is None else maker_joints(robot, robot.configuration(start, "start"))
-        trajectory = _build(found, robot, interpolation, begin, unwrap)
+        trajectory = _build(found, robot, interpolation, start, unwrap)
         if robot.motors is not None:
             trajectory = map_joints(trajectory, robot.motors.matrix, robot.motors.offset)
     except InvalidInput as error:
@@ -167,7 +166,7 @@ def _build(
         got = f"{t[i + 1] + found.begin:.9g} s after {t[i] + found.begin:.9g} s"
         raise InvalidInput(found.locate(i + 1), got, "times that increase")
     if start is not None:
-        q = robot.configuration(start, "start")
+        q = maker_joints(robot, robot.configuration(start, "start"))
         if not found.begin > 0.0:
             got = f"a configuration, and a first point at {found.begin:.9g} s"
             raise InvalidInput("start", got, "none, or a first point after 0 s")
