@@ -60,17 +60,16 @@ def retarget(
         An argument of another type or out of range, a missing limit, or a target of another number of joints.
     """
     at = check_number(at, "at", "a time of the running motion [s], at least 0", least=0.0)
-    if not isinstance(motion, Retargeted) and not hasattr(motion, "motion"):
+    if not isinstance(motion, Retargeted | Plan):
         motion = get_motion(motion)
-    curve = motion.curve if isinstance(motion, Retargeted) else motion.trajectory
     options: dict[str, Any] = {"tolerance": tolerance, "pace": pace, "align": align, "longest": longest}
     limits = motion.limits if limits is None else limits
     for known in _engines:
         same = known.robot is motion.robot and known.limits is limits and known.scene is scene
         if same and all(isinstance(x, float | str) and x == getattr(known, name) for name, x in options.items()):
-            return known.run(curve, at, get_target(onto))
+            return known.run(motion.trajectory, at, get_target(onto))
     _engines.appendleft(Retargeter(motion.robot, limits, scene=scene, **options))
-    return _engines[0].run(curve, at, get_target(onto))
+    return _engines[0].run(motion.trajectory, at, get_target(onto))
 
 
 _engines = deque[Retargeter](maxlen=4)

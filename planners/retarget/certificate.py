@@ -100,14 +100,14 @@ class StreamCertificate:
         return "\n".join([*lines, f"not covered: {', '.join(self.not_covered)}"])
 
 
-def trajectory_of(curve: JointCubics | Trajectory) -> Trajectory:
-    """Return a motion as a trajectory."""
-    return curve.trajectory if isinstance(curve, JointCubics) else curve
-
-
 def other_limits(limits: MotionLimits) -> tuple[str, ...]:
     """Return the names of the given limits that are not derivatives of single joints."""
     return tuple(name for name in limits.names if name not in DERIVATIVES and limits.value(name) is not None)
+
+
+def trajectory_of(curve: JointCubics | Trajectory) -> Trajectory:
+    """Return a motion as a trajectory."""
+    return curve.trajectory if isinstance(curve, JointCubics) else curve
 
 
 def certify_joined(
@@ -116,29 +116,26 @@ def certify_joined(
     """Return the certificate of a motion that continues a state (3, n) of the running motion."""
     out, jump = np.empty((4, 4, robot.n)), np.empty(3)
     if isinstance(curve, JointCubics):
-        cubic_extrema(curve.knots, curve.count, curve.c, out, jump)
+        cubic_extrema(curve.knots, curve.count, curve.c, state, out, jump)
     else:
-        for order in range(4):
-            out[order] = curve.extrema(order)
-        inside = [np.abs(curve.jumps(order)).max(initial=0.0) for order in range(3)]
-        jump[:] = np.maximum(inside, [0.0, *(np.abs(curve.ends(order)[1][-1]).max() for order in (1, 2))])
-    jump = np.maximum(jump, [np.abs(curve(0.0, order) - x).max() for order, x in enumerate(state)])
+        out[:] = [curve.extrema(order) for order in range(4)]
+        first, last = np.array([curve.ends(order) for order in range(3)]).swapaxes(0, 1)
+        steps = np.concatenate([first[:, :1] - state[:, None], first[:, 1:] - last[:, :-1]], axis=1)
+        jump[:] = np.maximum(np.abs(steps).max(axis=(1, 2)), [0.0, *np.abs(last[1:, -1]).max(axis=1)])
     lower, upper = out[0, 0] - robot.limits.lower, robot.limits.upper - out[0, 1]
-    peaks: dict[str, Extreme | ToolExtreme] = {}
-    bounds, names = limits.bounds(robot.n), other_limits(limits)
-    for order, name in enumerate(DERIVATIVES, 1):
-        low, high = sides(bounds[name])
-        below, above = out[order, 0] / low, out[order, 1] / high
-        at_low = below > above
-        value = np.where(at_low, -out[order, 0], out[order, 1])
-        peaks[name] = Extreme(value, np.maximum(below, above), np.where(at_low, out[order, 2], out[order, 3]))
-    if names:
+    bounds, others = limits.bounds(robot.n), other_limits(limits)
+    least, greatest, t_least, t_greatest = out[1:].swapaxes(0, 1)
+    low, high = np.array([sides(bounds[name]) for name in DERIVATIVES]).swapaxes(0, 1)
+    below, above = least / low, greatest / high
+    down = below > above
+    found = np.where(down, -least, greatest), np.maximum(below, above), np.where(down, t_least, t_greatest)
+    peaks: dict[str, Extreme | ToolExtreme] = {name: Extreme(*x) for name, *x in zip(DERIVATIVES, *found, strict=True)}
+    if others:
         motion = MotionAnalysis(robot, trajectory_of(curve))
-        peaks |= {name: kind_of(name).judge(motion, bounds[name]) for name in names}
-    clear = None if scene is None else clearance(robot, trajectory_of(curve), scene)
-    free = [name.replace("_", " ") for name in (*LOADED, *TOOL_SPEEDS) if name not in names]
-    free += [] if scene is not None else ["contact"]
+        peaks |= {name: kind_of(name).judge(motion, bounds[name]) for name in others}
+    free = [name.replace("_", " ") for name in (*LOADED, *TOOL_SPEEDS) if name not in others]
     return StreamCertificate(
         robot.joint_names, curve.end, np.minimum(lower, upper), np.where(lower < upper, out[0, 2], out[0, 3]), peaks, jump,
-        clear, ("the path of the tool", *free),
+        None if scene is None else clearance(robot, trajectory_of(curve), scene),
+        ("the path of the tool", *free, *([] if scene is not None else ["contact"])),
     )  # fmt: skip

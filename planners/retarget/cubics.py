@@ -1,4 +1,4 @@
-"""Joint motions as piecewise cubics, each joint with its own knots: evaluation, exact extrema, and the trajectory of all."""
+"""Joint motions as piecewise cubics, each joint with its own knots: exact extrema, and the trajectory of all."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import scipy
 from optik.compiled import inlined, parallel
 from optik.types import Array, Indices
 from planners.trajectory import Trajectory
-from planners.trajectory.curve import Curve
 
 SAME_TIME = 1e-9
 """Largest difference of times that are equal [s]."""
@@ -18,30 +17,6 @@ SAME_PLACE = 1e-14
 """Distance to a goal that is rounding, over the larger of the position and 1 [rad, m]."""
 SHORTEST, BRIEF_REST = 1e-12, 1e-3
 """Duration below which a phase is left out, and the third of that of a joint without any [s]."""
-
-
-@parallel
-def evaluate_cubics(knots: Array, count: Indices, c: Array, x: Array, order: int, out: Array) -> None:
-    """Write a derivative out (k, n) at instants x (k,); knots (n, K), count (n,), c (n, 4, K), highest power first."""
-    for j in range(count.size):
-        last, piece = count[j] - 2, 0
-        for k in range(x.size):
-            if x[k] < knots[j, piece]:
-                piece = 0
-            while piece < last and x[k] >= knots[j, piece + 1]:
-                piece += 1
-            u = min(x[k], knots[j, last + 1]) - knots[j, piece]
-            a, b, v, q = c[j, 0, piece], c[j, 1, piece], c[j, 2, piece], c[j, 3, piece]
-            if order == 0:
-                out[k, j] = ((a * u + b) * u + v) * u + q
-            elif x[k] > knots[j, last + 1]:
-                out[k, j] = 0.0
-            elif order == 1:
-                out[k, j] = (3.0 * a * u + 2.0 * b) * u + v
-            elif order == 2:
-                out[k, j] = 6.0 * a * u + 2.0 * b
-            else:
-                out[k, j] = 6.0 * a
 
 
 @inlined
@@ -54,14 +29,16 @@ def _widen(order: int, j: int, value: float, t: float, out: Array) -> None:
 
 
 @parallel
-def cubic_extrema(knots: Array, count: Indices, c: Array, out: Array, jump: Array) -> None:
+def cubic_extrema(knots: Array, count: Indices, c: Array, state: Array, out: Array, jump: Array) -> None:
     """Write the exact extrema of position, velocity, acceleration and jerk, and the largest discontinuities jump (3,).
 
-    At its last knot a joint is at rest: a velocity or an acceleration there is a discontinuity. Shapes: out (4, 4, n).
+    Before it, the motion has a state (3, n), and at its last knot a joint is at rest. Shapes: out (4, 4, n).
     """
     out[:, 0], out[:, 1], out[:, 2:] = np.inf, -np.inf, 0.0
     jump[:] = 0.0
     for j in range(count.size):
+        for order in range(3):
+            jump[order] = max(jump[order], abs((1.0, 1.0, 2.0)[order] * c[j, 3 - order, 0] - state[order, j]))
         for k in range(count[j] - 1):
             t, h = knots[j, k], knots[j, k + 1] - knots[j, k]
             a, b, v, q = c[j, 0, k], c[j, 1, k], c[j, 2, k], c[j, 3, k]
@@ -178,7 +155,7 @@ def _merge(knots: Array, count: Indices, c: Array, t: Array, out: Array) -> None
             out[0, k, j] = 0.0 if over else a
 
 
-class JointCubics(Curve):
+class JointCubics:
     """A joint motion from a moving state to rest: cubics of each joint between knots of its own.
 
     Parameters
@@ -186,38 +163,45 @@ class JointCubics(Curve):
     knots : (n, K) array
         Times of the knots from 0 [s], the first `count` of each row.
     count : (n,) array of int
-        Numbers of knots.
+        Numbers of knots. A joint whose last knot is earlier than those of others is at rest after it.
     c : (n, 4, K) array
         Coefficients, highest power first, in the time since each piece's first knot [rad/s^i, m/s^i].
     """
 
-    parameter = "t"
-
     def __init__(self, knots: Array, count: Indices, c: Array) -> None:
         self.knots, self.count, self.c = knots, count, c
-        self._end = float(max(knots[j, k - 1] for j, k in enumerate(count.tolist())))
-
-    @property
-    def end(self) -> float:
-        """The duration [s]; a joint whose last knot is earlier is at rest after it."""
-        return self._end
-
-    @property
-    def last(self) -> Array:
-        """Position, velocity and acceleration (3, n) of each joint at its own last knot, where it may still move."""
-        j, k = np.arange(self.count.size), self.count - 2
-        h, (a, b, v, q) = self.knots[j, k + 1] - self.knots[j, k], self.c[j, :, k].T
-        return np.stack([((a * h + b) * h + v) * h + q, (3.0 * a * h + 2.0 * b) * h + v, 6.0 * a * h + 2.0 * b])
-
-    def _evaluate(self, x: Array, order: int) -> Array:
-        out = np.empty((x.size, self.count.size))
-        evaluate_cubics(self.knots, self.count, self.c, x, order, out)
-        return out
+        self.end = float(max(knots[j, k - 1] for j, k in enumerate(count.tolist())))
 
     @cached_property
     def trajectory(self) -> Trajectory:
         """The same motion with the knots of all joints."""
+        t, c = self._pieces()
+        return Trajectory(scipy.interpolate.PPoly.construct_fast(c, t, extrapolate=True))
+
+    def onto(self, other: Trajectory, t: float, state: Array) -> Trajectory:
+        """Return this motion, followed by the rest of another one from its state (3, n) at a time t [s].
+
+        Durations of pieces change by the rounding of their knots. Least changes of the jerks keep the acceleration continuous.
+        """
+        (knots, cubics), first = self._pieces(), int(np.searchsorted(other.knots, t, side="right")) - 1
+        later, m = knots[-1] + (other.knots[first + 1 :] - t), knots.size - 1
+        c = np.zeros((6, m + later.size, cubics.shape[2]))
+        c[2:, :m], c[:, m:], u = cubics, other.padded[:, first:], t - other.knots[first]
+        c[2, m] += u * (4.0 * c[1, m] + 10.0 * u * c[0, m])
+        c[1, m] += 5.0 * u * c[0, m]
+        c[3:, m] = 0.5 * state[2], state[1], state[0]
+        knots = np.append(knots, later)
+        h = np.diff(knots)[:, None]
+        wrong = 2.0 * c[3] + h * (6.0 * c[2] + h * (12.0 * c[1] + 20.0 * h * c[0]))  # over the next acceleration
+        wrong[:-1] -= 2.0 * c[3, 1:]
+        c[2] -= wrong / np.maximum(6.0 * h, BRIEF_REST)
+        if not (wide := h[:, 0] > 0.0).all():
+            c, knots = c[:, wide], knots[np.append(True, wide)]
+        return Trajectory(scipy.interpolate.PPoly.construct_fast(c, knots, extrapolate=True))
+
+    def _pieces(self) -> tuple[Array, Array]:
+        """Return the knots (m + 1,) of all joints, and the cubics (4, m, n) between them."""
         t = np.unique(np.concatenate([self.knots[j, :k] for j, k in enumerate(self.count.tolist())]))
         c = np.empty((4, t.size - 1, self.count.size))
         _merge(self.knots, self.count, self.c, t, c)
-        return Trajectory(scipy.interpolate.PPoly(c, t, extrapolate=True))
+        return t, c

@@ -37,7 +37,7 @@ from planners.retarget.reference import MOST_SPANS, fit_reference
 from planners.retarget.result import Reference, Retargeted, RetargetStatus, state_of
 from planners.retarget.tracking import SPARE, track
 from planners.retarget.transfer import Transfer, build
-from planners.trajectory import Trajectory, cut_before, join, make_rest
+from planners.trajectory import Trajectory, cut_before, make_rest
 
 SLOWER = (1.0, 0.8, 0.64, 0.64, 0.64)
 """Factors of the pace that are tried where a torque or another limit of the whole arm is exceeded or not proved."""
@@ -56,8 +56,8 @@ ARRIVED = (1e-10, 1e-12, 1e-12)
 """Distances from a goal at rest in position, velocity and acceleration that are rounding [rad, rad/s, rad/s², or m]."""
 LATEST = 0.98
 """Latest entry into a chunk, over its duration."""
-ENTRIES, LAST_ENTRY = 8, 0.95
-"""Number of entries into a plan whose durations are computed, and the last one, over the plan's duration."""
+ENTRIES = np.linspace(0.0, 0.95, 8)
+"""Instants of entries into a plan whose durations are computed, over the plan's duration."""
 
 
 class _Samples:
@@ -116,7 +116,7 @@ class Retargeter:
         if robot.payload is not None:  # the heaviest of an interval
             self._heavy = replace(robot, payload=replace(robot.payload, mass=robot.payload.masses[-1]))
 
-    def run(self, running: JointCubics | Trajectory, at: float, onto: Any) -> Retargeted:
+    def run(self, running: Trajectory, at: float, onto: Any) -> Retargeted:
         """Return the motion onto a target, from the running motion's state at a time [s]."""
         X = np.array(state_of(running, at))
         status, tries = RetargetStatus.GOAL, len(SLOWER)
@@ -127,7 +127,7 @@ class Retargeter:
             velocity = _joints(onto.velocity, self.robot.n, "velocity")
             make = lambda box, k: _Attempt(self._transfer(box).jog(X, velocity, onto.hold))  # noqa: E731
         elif hasattr(onto, "trajectory"):
-            status, make = RetargetStatus.JOINED, self._enter(X, trajectory_of(onto.trajectory))
+            status, make = RetargetStatus.JOINED, self._enter(X, onto.trajectory)
         else:
             make = self._go(X, _joints(onto, self.robot.n, "onto"))
         made, reason, box = _Attempt(None), self._refuse_state(X), self._first_box(X)
@@ -139,23 +139,22 @@ class Retargeter:
             proof = certify_joined(self.robot, made.curve, self.limits, X, self.scene)
             if proof.is_valid:
                 return Retargeted(status, "", self.robot, self.limits, at, made.curve, proof, *made[2:])
-            reason, box = reason or proof.reasons[0], self._tighten(box, proof, X, made.curve)
+            reason, box = reason or proof.reasons[0], self._tighten(box, proof, X, trajectory_of(made.curve))
         rest = at >= running.end - BRIEF_REST
-        kept = make_rest(X[0], 3.0 * BRIEF_REST) if rest else cut_before(trajectory_of(running), at)
+        kept = make_rest(X[0], 3.0 * BRIEF_REST) if rest else cut_before(running, at)
         proof = certify_joined(self.robot, kept, self.limits, X, None)
         return Retargeted(RetargetStatus.KEPT, reason, self.robot, self.limits, at, kept, proof, *made[2:])
 
     def _refuse_state(self, X: Array) -> str:
         """Return why no motion from a state (3, n) is within the limits, or nothing."""
-        for order, name in enumerate(("position", *DERIVATIVES[:2])):
-            low, high = self.box[:, order, 0], self.box[:, order, 1]
-            spare = 1e-9 if order == 0 else 1e-6 * (high - low)
-            outside = (X[order] < low - spare) | (X[order] > high + spare)
-            if outside.any():
-                i = int(outside.argmax())
-                wide = f"[{low[i]:.6g}, {high[i]:.6g}]"
-                return f"the {name} of {self.robot.joint_names[i]} is {X[order, i]:.6g}, outside its limits {wide}"
-        return ""
+        low, high = self.box[:, :3].T
+        spare = np.where([[True], [False], [False]], 1e-9, 1e-6 * (high - low))
+        outside = (low - spare > X) | (high + spare < X)
+        if not outside.any():
+            return ""
+        order, i = divmod(int(outside.argmax()), self.robot.n)
+        name, wide = ("position", *DERIVATIVES)[order], f"[{low[order, i]:.6g}, {high[order, i]:.6g}]"
+        return f"the {name} of {self.robot.joint_names[i]} is {X[order, i]:.6g}, outside its limits {wide}"
 
     # ------------------------------------------------------------ limits of the whole arm
 
@@ -174,7 +173,7 @@ class Retargeter:
         box[:, 3] /= np.maximum((excess[:, None] * matters).max(axis=0), 1.0)[:, None]
         return box
 
-    def _tighten(self, box: Array, proof: StreamCertificate, X: Array, curve: JointCubics | Trajectory) -> Array:
+    def _tighten(self, box: Array, proof: StreamCertificate, X: Array, curve: Trajectory) -> Array:
         """Return limits of single joints that are reduced where a motion from a state (3, n) exceeds limits."""
         box = box.copy()
         for name, peak in proof.peaks.items():
@@ -194,7 +193,7 @@ class Retargeter:
                 box[:, order, 1] = np.maximum(box[:, order, 1], X[order] + wide)
         return box
 
-    def _relieve(self, box: Array, peak: Any, X: Array, curve: JointCubics | Trajectory) -> None:
+    def _relieve(self, box: Array, peak: Any, X: Array, curve: Trajectory) -> None:
         """Reduce the limits (n, 4, 2) of the joints that raise torques above their limits, on a motion from a state (3, n).
 
         A torque is a row of M q̈, plus parts that accelerations do not change at once, such as gravity. Terms of the row that
@@ -245,7 +244,7 @@ class Retargeter:
         if curve.n != self.robot.n:
             raise InvalidInput("onto", f"a motion of {curve.n} joints", f"{self.robot.n}, of {self.robot.name}")
 
-        times = np.linspace(0.0, LAST_ENTRY * curve.end, ENTRIES)
+        times = curve.end * ENTRIES
         goals = np.stack([curve(times, order) for order in range(3)], axis=1)
 
         def make(box: Array, k: int) -> _Attempt:
@@ -255,7 +254,7 @@ class Retargeter:
             if k >= len(found):
                 return _Attempt(None)
             entry, t, goal = found[k]
-            return _Attempt(join(build(X, goal, entry).trajectory, cut_before(curve, t).without_s))
+            return _Attempt(build(X, goal, entry).onto(curve, t, goal))
 
         return make
 

@@ -92,7 +92,7 @@ class Retargeted:
     at : float
         Time of the running motion at which this motion begins [s].
     curve : JointCubics or Trajectory
-        The motion, ``curve(t, order)`` for t in [0, ``curve.end``] since `at`.
+        The motion as it was found; `trajectory` is the same.
     certificate : StreamCertificate
         Of the motion; of a kept one for these limits, which it may exceed, and without its scene.
     skipped, repaired : int
@@ -142,11 +142,11 @@ class Retargeted:
         tuple of (n,) arrays
             q, q̇, q̈ [rad, rad/s, rad/s², or m].
         """
-        return state_of(self.curve, t)
+        return state_of(self.trajectory, t)
 
     @cached_property
     def trajectory(self) -> Trajectory:
-        """The motion as a `Trajectory`, which `planners.certify` judges."""
+        """The motion, ``trajectory(t, order)`` for t [s] since `at`, as a `Trajectory`, which `planners.certify` judges."""
         return trajectory_of(self.curve)
 
     @property
@@ -181,9 +181,9 @@ class Retargeted:
         return float(self._error.piece_worst(0)[self._error.knots[:-1] >= after].max())
 
 
-def state_of(curve: JointCubics | Trajectory, t: float) -> State:
+def state_of(trajectory: Trajectory, t: float) -> State:
     """Return q, q̇ and q̈ of a motion at a time [s]; after its end it is at rest."""
-    if t >= curve.end:
-        q = curve(curve.end)
+    if t >= trajectory.end:
+        q = trajectory(trajectory.end)
         return q, np.zeros_like(q), np.zeros_like(q)
-    return curve(t), curve(t, 1), curve(t, 2)
+    return trajectory(t), trajectory(t, 1), trajectory(t, 2)

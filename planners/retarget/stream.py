@@ -21,7 +21,7 @@ from planners.limits import MotionLimits
 from planners.motion.motion import HasMotion
 from planners.retarget.answer import get_target
 from planners.retarget.chunk import Chunk
-from planners.retarget.cubics import BRIEF_REST, JointCubics
+from planners.retarget.cubics import BRIEF_REST
 from planners.retarget.engine import Retargeter
 from planners.retarget.jog import Jog
 from planners.retarget.result import Retargeted, RetargetStatus, state_of
@@ -108,13 +108,15 @@ class Stream(Iterator[Setpoint]):
         self._cpu, self._delay = (deque[float](maxlen=KEPT_TIMES) for _ in range(2))
         self._warm_up()
 
-    def _first(self, start: Any) -> JointCubics | Trajectory:
+    def _first(self, start: Any) -> Trajectory:
         """Return the first motion: rest at joints, or a motion that already runs."""
-        if isinstance(start, Retargeted) or hasattr(start, "trajectory"):
-            curve = start.curve if isinstance(start, Retargeted) else start.trajectory
-            if (n := curve(0.0).size) != self.robot.n:
-                raise InvalidInput("start", f"a motion of {n} joints", f"{self.robot.n}, of {self.robot.name}")
-            return curve
+        if hasattr(start, "trajectory"):
+            trajectory: Trajectory = start.trajectory
+            if trajectory.n != self.robot.n:
+                raise InvalidInput(
+                    "start", f"a motion of {trajectory.n} joints", f"{self.robot.n}, of {self.robot.name}"
+                )
+            return trajectory
         expected = f"a motion, or {self.robot.n} finite joint values inside the ranges"
         q = real_array(start, "start", expected)
         if q.shape != (self.robot.n,) or not np.isfinite(q).all() or not self.robot.limits.contains(q):
@@ -177,18 +179,16 @@ class Stream(Iterator[Setpoint]):
             return
         self._heard = now.t
         at = ceil((now.t + self.budget) * self.rate - 1e-9) / self.rate
-        base, begin = (
-            (self._waiting[-1][0].curve, self._waiting[-1][1]) if self._waiting else (self._running, self._begin)
-        )
+        base, begin = self._running, self._begin
+        if self._waiting:
+            base, begin = self._waiting[-1][0].trajectory, self._waiting[-1][1]
         at = max(at, begin)
         if self._pool is None:
             self._take(*self._compute(base, begin, at, target), at)
         else:
             self._work = self._pool.submit(self._compute, base, begin, at, target), at
 
-    def _compute(
-        self, base: JointCubics | Trajectory, begin: float, at: float, target: Any
-    ) -> tuple[Retargeted, float]:
+    def _compute(self, base: Trajectory, begin: float, at: float, target: Any) -> tuple[Retargeted, float]:
         """Return the motion from a time on, and its computing time [s]."""
         target = get_target(target)
         if isinstance(target, Chunk):
@@ -220,7 +220,7 @@ class Stream(Iterator[Setpoint]):
         joined: Retargeted | None = None
         while self._waiting and t >= self._waiting[0][1] - 1e-9:
             joined, self._begin = self._waiting.popleft()
-            self._running = joined.curve
+            self._running = joined.trajectory
             self._joined += 1
         return joined
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from optik.types import Array, Flags
+from optik.types import Array
 from planners.retarget.cubics import SAME_TIME, JointCubics, join_phases
 
 INSIDE = 2e-8
@@ -52,16 +52,18 @@ class Transfer:
         h, j = ramp
         ends = np.minimum(np.cumsum(h, axis=1), hold)
         held = np.diff(np.column_stack([ends, np.full(self.n, hold)]), axis=1, prepend=0.0), np.pad(j, ((0, 0), (0, 1)))
-        free = np.full((3, self.n), np.nan)
-        stop = self._velocity_phases(
-            state if hold < SAME_TIME else join(state, free, [held]).last, np.zeros((3, self.n))
-        )
+        then = state
+        if hold >= SAME_TIME:
+            moving = join(state, np.full((3, self.n), np.nan), *held).trajectory
+            then = np.stack([moving(moving.end, order) for order in range(3)])
+        stop = self._velocity_phases(then, np.zeros((3, self.n)))
         if stop is None:
             return None
+        h, j = (np.concatenate(parts, axis=1) for parts in zip(held, stop, strict=True))
         goal = np.zeros((3, self.n))
         goal[0] = np.nan
-        motion = join(state, goal, [held, stop])
-        goal[0] = motion.last[0]
+        motion = join(state, goal, h, j)
+        goal[0] = motion.trajectory(motion.end)
         low, high = self._limits[:, 0, 0] + INSIDE, self._limits[:, 0, 1] - INSIDE
         outside = (goal[0] < low) | (goal[0] > high)
         if not outside.any():
@@ -71,8 +73,12 @@ class Transfer:
         most = np.where(outside, np.maximum(np.abs(target[1]), 1e-3), np.inf)
         limit = np.clip(np.stack([-most, most]), self._limits[:, 1, 0], self._limits[:, 1, 1])
         answer = self.find(state, goal, limit, together=False)
+        if answer is None:
+            return None
         goal[0] = np.nan  # to end exactly there would take a jerk beyond the limit
-        return None if answer is None else _choose(outside, build(state, goal, answer), motion)
+        for old, new in zip((h, j), _phases(answer), strict=True):
+            old[outside], old[outside, : new.shape[1]] = 0.0, new[outside]
+        return join(state, goal, h, j)
 
     def _problem(self, state: Array, goal: Array) -> Any:
         problem = self._ruckig.InputParameter(self.n)
@@ -106,21 +112,12 @@ def _phases(answer: Any) -> tuple[Array, Array]:
 
 def build(state: Array, goal: Array, answer: Any) -> JointCubics:
     """Return Ruckig's trajectory from a state (3, n) to a goal (3, n), exact at both."""
-    return join(state, goal, [_phases(answer)])
+    return join(state, goal, *_phases(answer))
 
 
-def join(state: Array, goal: Array, parts: list[tuple[Array, Array]]) -> JointCubics:
-    """Return the motion of phases of constant jerk (durations and jerks (n, k)) from a state (3, n) to a goal (3, n)."""
-    h, j = (np.concatenate([part[i] for part in parts], axis=1) for i in range(2))
+def join(state: Array, goal: Array, h: Array, j: Array) -> JointCubics:
+    """Return the motion of phases of constant jerk, durations h and jerks j (n, k), from a state (3, n) to a goal (3, n)."""
     n, k = h.shape
     knots, count, c = np.zeros((n, 3 * k + 1)), np.zeros(n, dtype=np.int64), np.zeros((n, 4, 3 * k))
     join_phases(h, j, (state, goal), knots, count, c)
     return JointCubics(knots, count, c)
-
-
-def _choose(which: Flags, first: JointCubics, second: JointCubics) -> JointCubics:
-    """Return the motion with some joints of the first and the others of the second."""
-    size = max(first.knots.shape[1], second.knots.shape[1])
-    a, b = ((np.pad(m.knots, ((0, 0), (0, size - m.knots.shape[1]))), m.count,
-             np.pad(m.c, ((0, 0), (0, 0), (0, size - 1 - m.c.shape[2])))) for m in (first, second))  # fmt: skip
-    return JointCubics(*(np.where(which.reshape(-1, *[1] * (x.ndim - 1)), x, y) for x, y in zip(a, b, strict=True)))

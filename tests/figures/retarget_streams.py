@@ -72,7 +72,7 @@ class Policy:
 
 def judge_stream(opened: planners.Stream, box: Box, each: Callable[[planners.Setpoint], None]) -> Row:
     """Run a stream; compare all motions with the limits and with the ones before, and all set-points with the motion."""
-    running, begin, joined = opened.running, 0.0, 0
+    running, begin, joined = opened._running, 0.0, 0
     worst: dict[str, Array] = {
         "over": np.full(4, -np.inf),
         "begin": np.zeros(3),
