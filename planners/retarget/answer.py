@@ -6,7 +6,6 @@ from collections import deque
 from typing import Any
 
 from optik.check import check_number
-from optik.errors import InvalidInput
 from optik.scene import Scene
 from planners.limits import MotionLimits
 from planners.motion.motion import Motion, get_motion
@@ -67,17 +66,10 @@ def retarget(
     for known in _engines:
         same = known.robot is motion.robot and known.limits is limits and known.scene is scene
         if same and all(isinstance(x, float | str) and x == getattr(known, name) for name, x in options.items()):
-            return known.run(motion.trajectory, at, get_target(onto))
+            return known.run(motion.trajectory, at, onto)
     _engines.appendleft(Retargeter(motion.robot, limits, scene=scene, **options))
-    return _engines[0].run(motion.trajectory, at, get_target(onto))
+    return _engines[0].run(motion.trajectory, at, onto)
 
 
 _engines = deque[Retargeter](maxlen=4)
 """Those of the last calls, which the next call with the same objects uses again."""
-
-
-def get_target(onto: Any) -> Any:
-    """Return a target; raise InvalidInput for words."""
-    if isinstance(onto, str):
-        raise InvalidInput("onto", repr(onto)[:60], "a Chunk, a plan, or joint values")
-    return onto

@@ -22,18 +22,8 @@ from planners.retarget.certificate import StreamCertificate, certify_joined, oth
 from planners.retarget.chunk import Chunk, repair
 from planners.retarget.cubics import BRIEF_REST, JointCubics
 from planners.retarget.jog import Jog
-from planners.retarget.pace import (
-    APART,
-    LEAST_PACE,
-    OTHER_PART,
-    PLACES,
-    joint_rows,
-    sample_reference,
-    smooth_pace,
-    sweep,
-    time_of,
-)
-from planners.retarget.reference import MOST_SPANS, fit_reference
+from planners.retarget.pace import APART, LEAST_PACE, OTHER_PART, PLACES, joint_rows, smooth_pace, sweep
+from planners.retarget.reference import MOST_SPANS, fit_reference, sample_reference
 from planners.retarget.result import Reference, Retargeted, RetargetStatus, state_of
 from planners.retarget.tracking import SPARE, track
 from planners.retarget.transfer import Transfer, build
@@ -311,12 +301,11 @@ class ChunkFollower:
         if engine.pace > 1.0:
             rate = self._R[0, 1]
             first = float(np.clip(rate @ X[1] / max(rate @ rate, 1e-9), 0.05, pace))
-        sweep(s, rows, cap, first * first, min(LEAST_PACE, pace) ** 2, x)
-        time_of(s, x, t)
+        sweep(s, rows, cap, first * first, min(LEAST_PACE, pace) ** 2, x, t)
         ramp = np.minimum(box[:, 2, 1], -box[:, 2, 0]) / np.minimum(box[:, 3, 1], -box[:, 3, 0])
         width = max(float(ramp.max()), SHORTEST_WINDOW)
         step = 0.5 * engine.longest
-        when = np.arange(step, min(t[-1] + 0.5 * width, MOST_PIECES * engine.longest) + 2.0 * step, step)
+        when = np.arange(0.0, min(t[-1] + 0.5 * width, MOST_PIECES * engine.longest) + 2.0 * step, step)
         out = np.empty_like(when)
         smooth_pace(s, t, float(np.sqrt(x[0])), width, when, out)
         return when + self._wait, out

@@ -6,7 +6,6 @@ import numpy as np
 
 from optik.compiled import inlined, parallel
 from optik.types import Array
-from planners.retarget.reference import evaluate_reference
 
 PLACES, APART = (40, 2000), 0.02
 """Least and largest number of places of a sweep, and their distance between these numbers [s]."""
@@ -20,13 +19,6 @@ NO_RATE = 1e-9
 """Rate of a joint [1] below which it does not limit s̈."""
 
 
-@parallel
-def sample_reference(c: Array, h: float, s: Array, R: Array) -> None:
-    """Write the reference and its derivatives R (k, 4, n) at places s (k,)."""
-    for i in range(s.size):
-        evaluate_reference(c, h, s[i], R[i])
-
-
 @inlined
 def _bracket(row: Array, x: float, low: float, high: float) -> tuple[float, float]:
     """Return the interval of s̈ in [low, high] that a row (4,) over s̈, ṡ², ṡ, 1 allows at ṡ² = x; empty if low > high."""
@@ -38,8 +30,8 @@ def _bracket(row: Array, x: float, low: float, high: float) -> tuple[float, floa
 
 
 @parallel
-def sweep(s: Array, rows: Array, cap: Array, first: float, slowest: float, x: Array) -> None:
-    """Write the largest ṡ² x (k,) along places s (k,), from `first` to rest, and before it not below `slowest`.
+def sweep(s: Array, rows: Array, cap: Array, first: float, slowest: float, x: Array, t: Array) -> None:
+    """Write the largest ṡ² x (k,) along places s (k,), from `first` to rest, and before it not below `slowest`; and times t.
 
     Each place has rows (k, m, 4) over s̈, ṡ², ṡ and 1, which are respected where their values are in [−1, 1], and a largest
     ṡ² cap (k,). The backward sweep finds the largest ṡ² from which the next place can be reached, by bisection.
@@ -65,7 +57,7 @@ def sweep(s: Array, rows: Array, cap: Array, first: float, slowest: float, x: Ar
             else:
                 high = y
         K[i] = low
-    x[0] = min(first, K[0])
+    x[0], t[0] = min(first, K[0]), 0.0
     for i in range(k - 1):
         step = 2.0 * (s[i + 1] - s[i])
         most = (K[i + 1] - x[i]) / step
@@ -73,6 +65,7 @@ def sweep(s: Array, rows: Array, cap: Array, first: float, slowest: float, x: Ar
             _, most = _bracket(rows[i, j], x[i], -np.inf, most) if abs(rows[i, j, 0]) >= NO_RATE else (0.0, most)
         floor = min(slowest, FADE * (s[k - 1] - s[i + 1]))
         x[i + 1] = max(min(x[i] + step * most, K[i + 1]), floor)
+        t[i + 1] = t[i] + step / max(np.sqrt(x[i]) + np.sqrt(x[i + 1]), NO_RATE)
 
 
 @parallel
@@ -99,14 +92,6 @@ def joint_rows(R: Array, limits: Array, pace: float, rows: Array, cap: Array) ->
                 0.0,
                 -middle / half,
             )
-
-
-@parallel
-def time_of(s: Array, x: Array, t: Array) -> None:
-    """Write the times t (k,) at places s (k,) with constant s̈ between them, from ṡ² x (k,)."""
-    t[0] = 0.0
-    for i in range(s.size - 1):
-        t[i + 1] = t[i] + 2.0 * (s[i + 1] - s[i]) / max(np.sqrt(x[i]) + np.sqrt(x[i + 1]), NO_RATE)
 
 
 @parallel

@@ -43,6 +43,13 @@ def evaluate_reference(c: Array, h: float, s: float, out: Array) -> None:
         scale /= h
 
 
+@parallel
+def sample_reference(c: Array, h: float, s: Array, R: Array) -> None:
+    """Write the reference and its derivatives R (k, 4, n) at places s (k,)."""
+    for i in range(s.size):
+        evaluate_reference(c, h, s[i], R[i])
+
+
 @inlined
 def _normal_equations(P: Array, B: Array, R: Array) -> int:
     """Write the bands B (6, k) of BᵀB and the right-hand sides R (k, n) = BᵀP of points P (m, n); return the spans."""
@@ -102,13 +109,8 @@ def fit_reference(P: Array, tolerance: float, c: Array) -> float:
     Returns the largest distance to a point [rad, m]. The distance grows with the penalty, which is found by bisection.
     """
     size, n, m = c.shape[0], c.shape[1], P.shape[0]
-    B, L, R, trial, at = (
-        np.empty((6, size)),
-        np.empty((6, size)),
-        np.empty((size, n)),
-        np.empty((size, n)),
-        np.empty((1, n)),
-    )
+    B, L, at = np.empty((6, size)), np.empty((6, size)), np.empty((1, n))
+    R, trial = np.empty((size, n)), np.empty((size, n))
     spans = _normal_equations(P, B, R)
     h = (m - 1) / spans
     low, high, best = 0, PENALTIES.size - 1, np.inf

@@ -50,10 +50,9 @@ class Reference(NamedTuple):
 
     def error_of(self, motion: Trajectory) -> Trajectory:
         """Return the difference between a motion and the paced reference, as exact polynomials."""
-        k = len(self.c)
+        k, at, s = len(self.c), self.when, self.s
         windows = np.lib.stride_tricks.sliding_window_view(self.c, 6, axis=0)  # (k − 5, n, 6)
         spline = np.einsum("ap,ina->pin", BASIS[0] / self.h ** np.arange(6), windows)[::-1]
-        at, s = np.append(0.0, self.when), np.append(self.start, self.s)
         inside = np.arange(1, k - 5) * self.h
         crossed = np.interp(inside[(inside > s[0]) & (inside < s[-1])], s, at)
         t = np.unique(np.concatenate([motion.knots, at[at < motion.end], crossed[crossed < motion.end]]))
@@ -62,19 +61,12 @@ class Reference(NamedTuple):
         piece = np.searchsorted(motion.knots, middle) - 1
         q = shift_pieces(motion.padded[:, piece], begin - motion.knots[piece])
         i = np.clip(np.searchsorted(at, middle) - 1, 0, at.size - 2)
-        rate = np.where(middle < at[-1], (s[i + 1] - s[i]) / (at[i + 1] - at[i]), 0.0)
+        moves = (middle > at[0]) & (middle < at[-1])
+        rate = np.where(moves, (s[i + 1] - s[i]) / (at[i + 1] - at[i]), 0.0)
         place = np.interp(begin, at, s)
         span = np.clip((np.interp(middle, at, s) / self.h).astype(int), 0, k - 6)
         r = shift_pieces(spline[:, span], place - span * self.h)
         return Trajectory(scipy.interpolate.PPoly(q - r * rate[:, None] ** np.arange(5, -1, -1)[:, None, None], t))
-
-    @property
-    def start(self) -> float:
-        """The chunk's time at the start of the motion [s], by continuing the first interval backwards."""
-        if self.when.size < 2:
-            return float(self.s[0])
-        rate = (self.s[1] - self.s[0]) / (self.when[1] - self.when[0])
-        return max(float(self.s[0] - rate * self.when[0]), 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,8 +146,9 @@ class Retargeted:
         """Mean rate at which the motion goes through the chunk, over that of the chunk [1]; 1 without a chunk."""
         if self.reference is None:
             return 1.0
-        done = np.flatnonzero(self.reference.s >= self.reference.s[-1] - 1e-9)[0]
-        return float((self.reference.s[done] - self.reference.start) / self.reference.when[done])
+        when, s = self.reference.when, self.reference.s
+        done = np.flatnonzero(s >= s[-1] - 1e-9)[0]
+        return float((s[done] - s[0]) / (when[done] - when[0]))
 
     @cached_property
     def _error(self) -> Trajectory | None:

@@ -19,7 +19,6 @@ from optik.scene import Scene
 from optik.types import Array
 from planners.limits import MotionLimits
 from planners.motion.motion import HasMotion
-from planners.retarget.answer import get_target
 from planners.retarget.chunk import Chunk
 from planners.retarget.cubics import BRIEF_REST
 from planners.retarget.engine import Retargeter
@@ -190,7 +189,6 @@ class Stream(Iterator[Setpoint]):
 
     def _compute(self, base: Trajectory, begin: float, at: float, target: Any) -> tuple[Retargeted, float]:
         """Return the motion from a time on, and its computing time [s]."""
-        target = get_target(target)
         if isinstance(target, Chunk):
             target = Chunk(target.points, target.rate, target.observed - begin)
         since = time.thread_time()
@@ -284,12 +282,5 @@ def stream(
     InvalidInput
         An argument of another type or out of range, or a missing limit.
     """
-    options = {
-        "limits": limits,
-        "tolerance": tolerance,
-        "pace": pace,
-        "align": align,
-        "longest": longest,
-        "scene": scene,
-    }
-    return Stream(robot, source, start, rate=rate, budget=budget, silence=silence, realtime=realtime, **options)
+    return Stream(robot, source, start, rate=rate, budget=budget, silence=silence, realtime=realtime, limits=limits,
+                  tolerance=tolerance, pace=pace, align=align, longest=longest, scene=scene)  # fmt: skip

@@ -20,8 +20,8 @@ from planners.retarget.certificate import certify_joined
 from planners.retarget.chunk import load_chunks
 from planners.retarget.cubics import JointCubics, integrate
 from planners.retarget.interior import make_factors, make_rows, make_stencils, minimise
-from planners.retarget.pace import joint_rows, sample_reference, sweep
-from planners.retarget.reference import evaluate_reference, fit_reference
+from planners.retarget.pace import joint_rows, sweep
+from planners.retarget.reference import evaluate_reference, fit_reference, sample_reference
 from planners.retarget.tracking import make_objective
 from tests.oracles import PinocchioDynamics
 from tests.seeds import shift_seed
@@ -112,7 +112,7 @@ def test_what_is_proved_of_the_joining_is_true():
         plan, at, chunk = draw("panda", rng)
         found = retarget(plan, at, chunk)
         ref, t = found.reference, np.linspace(0.0, found.trajectory.end, 3000)
-        s = np.interp(t, np.append(0.0, ref.when), np.append(ref.start, ref.s))
+        s = np.interp(t, ref.when, ref.s)
         spline = scipy.interpolate.BSpline((np.arange(len(ref.c) + 6) - 5.0) * ref.h, ref.c, 5)
         off = np.abs(found.trajectory(t) - spline(s)).max(axis=1)
         if found.joined_after is None:
@@ -445,12 +445,13 @@ def test_a_sweep_reaches_the_rest_of_a_straight_line_in_its_least_time():
     R = np.empty((k, 4, n))
     sample_reference(c, 1.0, s, R)
     limits = np.array([[[-9.0, 9.0], [-1.0, 1.0], [-0.5, 0.5], [-1e9, 1e9]]])
-    rows, cap, x = np.empty((k, n, 4)), np.empty(k), np.empty(k)
+    rows, cap, x, times = np.empty((k, n, 4)), np.empty(k), np.empty(k), np.empty(k)
     joint_rows(R, limits, 100.0, rows, cap)
-    sweep(s, rows, cap, 1e-12, 0.0, x)
+    sweep(s, rows, cap, 1e-12, 0.0, x, times)
     v, a = 0.995 / 0.1, 0.95 * 0.5 / 0.1
     exact = np.minimum(np.minimum(2.0 * a * s, v * v), 2.0 * a * (s[-1] - s))
     np.testing.assert_allclose(x[5:-5], exact[5:-5], rtol=1e-3)
+    np.testing.assert_allclose(times[-1], v / a + s[-1] / v, rtol=1e-2)
 
 
 def test_cubics_and_their_trajectory_are_the_same_motion():
