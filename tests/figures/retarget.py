@@ -47,7 +47,7 @@ def distance_from(chunk: planners.Chunk, found: planners.Retargeted) -> float | 
     place = float(np.interp(AFTER, found.reference.when, found.reference.s))
     q, points = evaluate(found.trajectory, AFTER, 0), np.asarray(chunk.points)
     s = np.unique(np.concatenate([np.linspace(place - NEAR, place + NEAR, 2001), np.arange(len(points)) / chunk.rate]))
-    s = np.clip(s[np.abs(s - place) <= NEAR], 0.0, chunk.duration)
+    s = np.clip(s[np.abs(s - place) <= NEAR], 0.0, (len(points) - 1) / chunk.rate)
     line = np.stack([np.interp(s * chunk.rate, np.arange(len(points)), p) for p in points.T], axis=1)
     return float(np.abs(line - q).max(axis=1).min())
 
