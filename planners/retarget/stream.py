@@ -112,9 +112,7 @@ class Stream(Iterator[Setpoint]):
         if hasattr(start, "trajectory"):
             trajectory: Trajectory = start.trajectory
             if trajectory.n != self.robot.n:
-                raise InvalidInput(
-                    "start", f"a motion of {trajectory.n} joints", f"{self.robot.n}, of {self.robot.name}"
-                )
+                raise InvalidInput("start", f"{trajectory.n} joints", f"the {self.robot.n} of {self.robot.name}")
             return trajectory
         expected = f"a motion, or {self.robot.n} finite joint values inside the ranges"
         q = real_array(start, "start", expected)
