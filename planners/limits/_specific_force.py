@@ -1,9 +1,10 @@
 """Limits on the specific force f = Rᵀ (g − p̈) of a carried object at its centre of mass p, in the tool's frame R.
 
 Along a path f = Rᵀ g − Rᵀ p' s̈ − Rᵀ p'' ṡ², so each face E f ≤ b of a polytope is a row of second order. A cone is described by
-`FACES` faces that touch it, one of them in the direction of Rᵀ p'; the law tightens them by the exact cone. On an interval of
-time h, f is within h⁴ / 384 max|f⁗| of its cubic Hermite interpolant, which is in the hull of its four Bézier points; measures
-of f are convex, or have convex level sets, so that the largest of the four, with the remainder, bounds them. By Leibniz's rule
+`FACES` faces that touch it, one of them in the direction of Rᵀ p', or of gravity where it acts across the axis. The law
+tightens them by the exact cone. On an interval of time h, f is within h⁴ / 384 max|f⁗| of its cubic Hermite interpolant, which
+is in the hull of its four Bézier points. Measures of f are convex, or have convex level sets, so that the largest of the four,
+with the remainder, bounds them. By Leibniz's rule
 
     |f⁗| ≤ B₄ (|g| + P₂) + 4 B₃ P₃ + 6 B₂ P₄ + 4 B₁ P₅ + P₆
 
@@ -26,6 +27,12 @@ from planners.limits.record import PLACES, RecordLimit, dynamic_share, sampled_s
 
 FACES = 16
 """Faces of a cone: the optimum is the same from 6 on where the tool does not turn."""
+EVENLY = 2.0 * np.pi * np.arange(FACES) / FACES
+"""Directions of the faces around the axis, from that of Rᵀ p' on."""
+NEAR_LOAD = np.deg2rad([0, 5, -5, 10, -10, 16, -16, 23, -23, 31, -31, 45, -45, 80, -80, 180])
+"""Directions of the faces where gravity acts across the axis, from its own on: the cone is used near it."""
+LOADED_SHARE = 0.3
+"""Fraction of gravity that acts across the axis from which on the faces are near it."""
 FAR_SIDE = 4.0 * 9.81
 """How far the other side of a one-sided row is away [m/s²]."""
 PROOF_EXCESS = 1e-5
@@ -119,7 +126,9 @@ class SpecificForceLimit(RecordLimit):
         x = np.cross(n, np.eye(3)[np.abs(n).argmin()])
         x /= np.linalg.norm(x)
         y = np.cross(n, x)
-        turned = np.arctan2(linear @ y, linear @ x)[:, None] + 2.0 * np.pi * np.arange(FACES) / FACES
+        loaded = np.hypot(still @ x, still @ y) > LOADED_SHARE * np.linalg.norm(still, axis=1)
+        towards = np.where(loaded[:, None], still, linear)
+        turned = np.arctan2(towards @ y, towards @ x)[:, None] + np.where(loaded[:, None], NEAR_LOAD, EVENLY)
         around = np.cos(turned)[..., None] * x + np.sin(turned)[..., None] * y
         E, b = self.faces(bound, self._object(robot, bound)[0], around)
         out = np.zeros((len(still), E.shape[1], 4))  # (2 E f − b + w) / (b + w) in [−1, 1]: E f between −w and b

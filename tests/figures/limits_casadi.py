@@ -1,4 +1,4 @@
-"""The law `optimal` beside CasADi's optimum of a programme of our own under further limits, with exact cones, on 110 intervals."""
+"""The law `optimal` under further limits beside CasADi's optimum of a programme of our own on 110 intervals, exact cones."""
 
 from __future__ import annotations
 
