@@ -12,6 +12,8 @@ from planners.retarget.interior import ROWS, add_weighted, make_factors, make_st
 TIGHT = 0.03
 """Fraction of the range of velocities: if the velocity after the acceleration is ended comes nearer to its limit than this, the
 acceleration is ended first, in a piece of its own."""
+BEYOND = 1e-6
+"""Excess over the limit of the acceleration at a start that is rounding, as a fraction of it."""
 CUT = (2.0 * np.pi * 40.0) ** -6
 """Weight of the squared jerk: the tracking follows targets of up to 40 Hz [s⁶]."""
 HOLD = 2.0
@@ -39,15 +41,20 @@ def lay_grid(begin: float, end: float, first: float, growth: float, longest: flo
 
 
 @inlined
-def ramp_of(v: float, a: float, limits: Array) -> float:
-    """Return the duration [s] of the largest jerk that ends an acceleration near the limit of the velocity, or 0."""
+def ramp_of(v: float, a: float, limits: Array) -> tuple[float, float]:
+    """Return the duration [s] of the largest jerk that changes an acceleration first, or 0, and the acceleration after it.
+
+    It is ended near the limit of the velocity. Beyond its own limit it is brought there.
+    """
     if a == 0.0:
-        return 0.0
+        return 0.0, a
     up = a > 0.0
-    r = -a / limits[3, 0 if up else 1]
-    room = limits[1, 1] - (v + 0.5 * a * r) if up else v + 0.5 * a * r - limits[1, 0]
-    outside = a < limits[2, 0] or a > limits[2, 1]
-    return r if outside or room < TIGHT * (limits[1, 1] - limits[1, 0]) else 0.0
+    jerk, most = limits[3, 0 if up else 1], limits[2, 1 if up else 0]
+    then = v - 0.5 * a * a / jerk  # when the acceleration is ended
+    room = limits[1, 1] - then if up else then - limits[1, 0]
+    if room < TIGHT * (limits[1, 1] - limits[1, 0]):
+        return -a / jerk, 0.0
+    return ((most - a) / jerk, most) if abs(a) > (1.0 + BEYOND) * abs(most) else (0.0, a)
 
 
 @inlined
@@ -119,11 +126,11 @@ def track(state: Array, limits: Array, when: Array, target: Array, longest: floa
     for j in range(n):
         for i in range(3):
             x0[i] = state[i, j]
-        r = ramp_of(x0[1], x0[2], limits[j])
+        r, after = ramp_of(x0[1], x0[2], limits[j])
         lead = 1 if r > 0.0 else 0
         knots[j, 0] = 0.0
         if lead:
-            _ramp(x0, r, c[j])
+            _ramp(x0, r, after, c[j])
         N = lay_grid(r, end, first, growth, longest, knots[j, lead:]) - 1
         T, size = knots[j, lead : lead + N + 1], N + 3
         count[j] = N + 1 + lead
@@ -151,12 +158,12 @@ def track(state: Array, limits: Array, when: Array, target: Array, longest: floa
 
 
 @inlined
-def _ramp(x: Array, r: float, c: Array) -> None:
-    """Write the first cubic, which ends the acceleration of a state x (3,) in r [s]; x becomes the state after it."""
+def _ramp(x: Array, r: float, after: float, c: Array) -> None:
+    """Write the first cubic, in which the acceleration of a state x (3,) changes in r [s]; x becomes the state after it."""
     q, v, a = x[0], x[1], x[2]
-    jerk = -a / r
+    jerk = (after - a) / r
     c[0, 0], c[1, 0], c[2, 0], c[3, 0] = jerk / 6.0, 0.5 * a, v, q
-    x[0], x[1], x[2] = q + r * (v + r * (0.5 * a + r * jerk / 6.0)), v + 0.5 * r * a, 0.0
+    x[0], x[1], x[2] = q + r * (v + r * (0.5 * a + r * jerk / 6.0)), v + 0.5 * r * (a + after), after
 
 
 @inlined
