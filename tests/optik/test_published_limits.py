@@ -8,68 +8,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pinocchio
 import pytest
 
 import optik
 from optik.arm.limits import JointLimits, VelocityByPosition
 from optik.errors import InvalidInput, RobotModelError
-from planners import MotionLimits, load_limits
-
-DESCRIPTIONS = Path(__file__).parent / "descriptions"
-"""URDFs with the numbers of the makers' own files, and nothing else."""
-ARMS = ("fr3", "ur3e", "ur16e", "ur20")
-
-
-@pytest.mark.parametrize("name", ARMS)
-def test_an_arm_agrees_with_its_makers_urdf_in_pinocchio(name: str) -> None:
-    model = pinocchio.buildModelFromUrdf(str(DESCRIPTIONS / f"{name}.urdf"))
-    data, robot, rng = model.createData(), optik.load(name), np.random.default_rng(7)
-    frame, worst, off, torque = model.nframes - 1, 0.0, 0.0, 0.0
-    model.gravity.linear = np.array([0.0, 0.0, -robot.gravity_magnitude])
-    for q in robot.limits.sample(rng, 1000, half_if_infinite=np.pi):
-        v, a = rng.normal(size=(2, robot.n))
-        x = q if model.nq == robot.n else np.concatenate([q[:-1], [np.cos(q[-1]), np.sin(q[-1])]])
-        pinocchio.framesForwardKinematics(model, data, x)
-        worst = max(worst, float(np.abs(data.oMf[frame].translation - robot.fk(q)[:3, 3]).max()))
-        if robot.inertia is not None:
-            tau = pinocchio.rnea(model, data, x, v, a)
-            off, torque = (
-                max(off, float(np.abs(tau - robot.torques(q, v, a)).max())),
-                max(torque, float(np.abs(tau).max())),
-            )
-    assert worst < 1e-9 and off <= 1e-9 * torque  # their right angles have nine digits
-    assert (name == "fr3") == (robot.inertia is None)
-
-
-@pytest.mark.parametrize("name", ["ur3e", "ur16e", "ur20"])
-def test_speeds_torques_and_ranges_are_the_makers(name: str) -> None:
-    theirs, ours = optik.Robot.from_urdf(DESCRIPTIONS / f"{name}.urdf"), optik.load(name)
-    for field in ("lower", "upper", "velocity", "torque"):
-        np.testing.assert_allclose(getattr(ours.limits, field), getattr(theirs.limits, field), rtol=1e-12)
-    assert ours.limits.acceleration is None and ours.limits.jerk is None
-
-
-def test_fr3_has_the_velocities_of_libfrankas_rate_limiter() -> None:
-    """computeUpperLimitsJointVelocity and its counterpart of rate_limiting.h, without the tolerance."""
-    fr3, rng = optik.load("fr3"), np.random.default_rng(2)
-    slowed = fr3.limits.velocity_by_position
-    for q in fr3.limits.sample(rng, 200):
-        up = [
-            min(2.62, max(0.0, -0.30 + np.sqrt(max(0.0, 12.0 * (2.75010 - q[0]))))),
-            min(2.62, max(0.0, -0.20 + np.sqrt(max(0.0, 5.17 * (1.79180 - q[1]))))),
-            min(2.62, max(0.0, -0.20 + np.sqrt(max(0.0, 7.00 * (2.90650 - q[2]))))),
-            min(2.62, max(0.0, -0.30 + np.sqrt(max(0.0, 8.00 * (-0.1458 - q[3]))))),
-            min(5.26, max(0.0, -0.35 + np.sqrt(max(0.0, 34.0 * (2.81010 - q[4]))))),
-            min(4.18, max(0.0, -0.35 + np.sqrt(max(0.0, 11.0 * (4.52050 - q[5]))))),
-            min(5.26, max(0.0, -0.35 + np.sqrt(max(0.0, 34.0 * (3.01960 - q[6]))))),
-        ]
-        ours = np.minimum(
-            fr3.limits.velocity,
-            np.maximum(0.0, np.sqrt(2.0 * slowed.deceleration * (fr3.limits.upper - q)) - slowed.offset),
-        )
-        np.testing.assert_allclose(ours, up, rtol=1e-12)
-    assert set(MotionLimits.of(fr3).extra) == {"velocity_by_position"}
+from planners import load_limits
 
 
 def limited() -> optik.Robot:
