@@ -201,6 +201,12 @@ def test_nothing_but_code_data_and_templates_lies_in_a_package(package: str) -> 
     assert len(inside) > 50 if package != "benchmarks" else len(files) > len(inside) > 50
 
 
+def test_no_two_test_files_have_one_name() -> None:
+    """Pytest imports a test file by its name alone, and refuses the second of two."""
+    names = [path.name for path in (REPOSITORY / "tests").rglob("test_*.py")]
+    assert [name for name in names if names.count(name) > 1] == []
+
+
 def test_files_and_functions_are_short() -> None:
     assert [relative(path) for path in FILES if text_of(path).count("\n") > LONGEST_FILE] == []
     long = {
