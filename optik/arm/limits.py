@@ -199,7 +199,7 @@ class JointLimits:
                 object.__setattr__(self, field, check_positive(value, lower.size, field))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return JointLimits, tuple(getattr(self, field.name) for field in fields(self))
+        return type(self), tuple(getattr(self, field.name) for field in fields(self))
 
     @cached_property
     def middle(self) -> Array:

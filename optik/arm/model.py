@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from optik import dynamics, se3
 from optik.arm.inertia import STANDARD_GRAVITY, Inertia, Load, Payload, arm_loads, payload_masses
 from optik.arm.limits import JointLimits, freeze
-from optik.arm.motors import Motors, with_motors
+from optik.arm.motors import Motors, couple, find_outside, with_motors
 from optik.arm.shapes.model import PAYLOAD, Shapes
 from optik.check import check_flag, check_number, check_words, format_value, real_array
 from optik.errors import InvalidInput, RobotModelError
@@ -112,6 +112,8 @@ class ArmModel:
         _check_masses(self.name, self.inertia, self.payload, n)
         if self.motors is not None and not (isinstance(self.motors, Motors) and len(self.motors.names) == n):
             raise InvalidInput("motors", repr(self.motors)[:60], f"Motors of {n} joints")
+        if self.motors is not None or hasattr(self.limits, "motors"):
+            checked["limits"] = couple(self.limits, self.motors)
         for field, value in checked.items():
             object.__setattr__(self, field, value)
         if self.shapes is not None and not self.shapes.names:
@@ -430,9 +432,8 @@ def unit_names(arm: ArmModel) -> list[str]:
 def check_range(arm: ArmModel, q: Array, name: str) -> Array:
     """Return joints that are inside their ranges; the error for others is in degrees, prismatic joints in millimetres."""
     if not arm.limits.contains(q):
-        lower, upper = arm.limits.lower, arm.limits.upper
-        i = int(np.argmax(np.maximum(lower - q, q - upper)))
+        which, value, lower, upper, i = find_outside(arm, q)
         scale, unit = unit_factors(arm)[i], unit_names(arm)[i]
-        room = f"within [{lower[i] * scale:g}, {upper[i] * scale:g}]{unit}, its range"
-        raise InvalidInput(name, f"{arm.joint_names[i]} = {q[i] * scale:g}{unit}", f"{arm.joint_names[i]} {room}")
+        room = f"within [{lower * scale:g}, {upper * scale:g}]{unit}, its range"
+        raise InvalidInput(name, f"{which} = {value * scale:g}{unit}", f"{which} {room}")
     return q

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
-import scipy
 from numpy.typing import ArrayLike
 
 from optik.arm.limits import JointLimits, freeze
 from optik.check import check_words, real_array
 from optik.errors import InvalidInput, RobotModelError
-from optik.types import Array
+from optik.types import Array, Flags
 
 WORST_CONDITION = 1e6
 """Largest condition number of a matrix of couplings."""
@@ -120,22 +120,66 @@ class Motors:
     def __hash__(self) -> int:
         return hash(self.content)
 
-    def limit_axes(self) -> JointLimits:
-        """Return the limits of the axes: a box inside the motors' ranges, and the greatest rates that the motors permit.
+    def limit_axes(self) -> AxisLimits:
+        """Return the limits of the axes: the ranges and the greatest rates that the motors permit, of each axis alone.
 
         Returns
         -------
-        JointLimits
-            The box has the largest volume; the rates are reached by one axis alone.
+        AxisLimits
+            A configuration is inside if all motors are inside their ranges.
         """
         own, E, C = self.limits, np.abs(self.inverse), np.abs(self.matrix)
-        middle, half = self.axes(own.middle), _find_box(E, own.half)
+        middle, half = self.axes(own.middle), _times(C, own.half)
         given = {name: getattr(own, name) for name in ("velocity", "acceleration", "jerk")}
         hull: dict[str, Any] = {name: None if x is None else _times(C, x) for name, x in given.items()}
         loads: dict[str, Any] = {
             name: None if (x := getattr(own, name)) is None else _times(E.T, x) for name in ("torque", "torque_rate")
         }
-        return JointLimits(middle - half, middle + half, **(hull | loads))
+        return AxisLimits(middle - half, middle + half, **(hull | loads), motors=self)
+
+
+@dataclass(frozen=True, eq=False)
+class AxisLimits(JointLimits):
+    """Limits of axes that motors move together: those of each axis alone, and the ranges of the motors.
+
+    Parameters
+    ----------
+    motors : Motors
+        The motors, which must be inside their ranges, too.
+    """
+
+    motors: Motors | None = None
+
+    @property
+    def _own(self) -> Motors:
+        assert self.motors is not None
+        return self.motors
+
+    @cached_property
+    def middle(self) -> Array:
+        """Axes (n,) with the motors in the middle of their ranges [rad, m]."""
+        return freeze(super().clip(self._own.axes(self._own.limits.middle)), "middle")
+
+    def contains(self, q: ArrayLike) -> Flags:
+        """Return whether configurations satisfy the position limits of axes and motors, within 1e-9."""
+        return super().contains(q) & self._own.limits.contains(self._own.of(q))
+
+    def clip(self, q: ArrayLike) -> Array:
+        """Return the configurations inside that are nearest on the straight way to the middle."""
+        motors, to = self._own, super().clip(q)
+        m, centre = motors.of(to), motors.of(self.middle)
+        room = np.where(m > centre, motors.limits.upper, motors.limits.lower) - centre
+        with np.errstate(divide="ignore", invalid="ignore"):
+            part = np.where(m == centre, 1.0, np.fmin(room / (m - centre), 1.0)).min(axis=-1, keepdims=True)
+        return np.asarray(np.where(part < 1.0, self.middle + part * (to - self.middle), to))
+
+    def sample(
+        self, rng: np.random.Generator, count: int, *, margin: float = 0.0, half_if_infinite: ArrayLike = np.pi
+    ) -> Array:
+        """Sample motors uniformly inside their ranges; return the axes (count, n)."""
+        return self.clip(
+            self._own.axes(self._own.limits.sample(rng, count, margin=margin, half_if_infinite=half_if_infinite))
+        )
 
 
 LIMIT_FIELDS = ("lower", "upper", "velocity", "acceleration", "jerk", "torque", "torque_rate")
@@ -147,21 +191,26 @@ def _times(matrix: Array, bound: Array) -> Array:
     return np.asarray(np.where(matrix > 0.0, matrix * np.where(matrix > 0.0, bound, 0.0), 0.0).sum(axis=1))
 
 
-def _find_box(E: Array, half: Array) -> Array:
-    """Return half the widths (n,) of the largest box of axes whose motors E h stay within half their ranges."""
-    bounded = np.isfinite(half)
-    if not bounded.any():
-        return np.full(half.size, np.inf)
-    E, half = E[bounded], half[bounded]
-    free = ~(E > 0.0).any(axis=0)
-    h = np.full(E.shape[1], float((half / E.sum(axis=1)).min()))
-    found = scipy.optimize.minimize(
-        lambda x: -float(np.log(x[~free]).sum()), h, jac=lambda x: np.where(free, 0.0, -1.0 / x), method="SLSQP",
-        bounds=[(1e-6 * h[0], None)] * h.size, constraints={"type": "ineq", "fun": lambda x: half - E @ x, "jac": lambda x: -E},
-    )  # fmt: skip
-    inside = np.maximum(found.x, 0.0) if found.success else h
-    inside *= min(1.0, float((half / (E @ inside)).min()))
-    return np.where(free, np.inf, inside)
+def couple(limits: JointLimits, motors: Motors | None) -> JointLimits:
+    """Return the limits of axes that motors move together, or plain ones without motors."""
+    given = {field.name: getattr(limits, field.name) for field in fields(JointLimits)}
+    if motors is None:
+        return JointLimits(**given)
+    implied = motors.limit_axes()
+    if (limits.lower != implied.lower).any() or (limits.upper != implied.upper).any():
+        raise InvalidInput(
+            "limits", "ranges of axes", "ranges of the motors, which imply those of the axes: with_motors"
+        )
+    return AxisLimits(**given, motors=motors)
+
+
+def find_outside(robot: Any, q: Array) -> tuple[str, float, float, float, int]:
+    """Return the joint, or the motor, that is farthest outside its range: its name, value, range and index."""
+    limits, names = robot.limits, robot.joint_names
+    if robot.motors is not None and JointLimits.contains(limits, q):
+        limits, names, q = robot.motors.limits, robot.motors.names, robot.motors.of(q)
+    i = int(np.argmax(np.maximum(limits.lower - q, q - limits.upper)))
+    return names[i], float(q[i]), float(limits.lower[i]), float(limits.upper[i]), i
 
 
 def refuse_motors(arm: Any, format: str) -> None:

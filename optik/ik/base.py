@@ -15,6 +15,7 @@ from optik.arm.robot import Robot
 from optik.check import check_count, check_flag, check_number
 from optik.errors import InvalidInput, Unsupported
 from optik.ik._gauss_newton import find_nearest_pose
+from optik.ik.analytic.branches import windings
 from optik.ik.problem import (
     IK_TOLERANCE,
     STATUS_OF_CODE,
@@ -252,7 +253,7 @@ class IKSolver(ABC):
         """Run attempts from `q0` and then from random initial guesses until one succeeds; return the best result."""
         end = None if self.time_limit is None else time.perf_counter() + self.time_limit
         out = outside_reach(self._reach, target, self.tolerance.position, self.tolerance.rotation)
-        best, outcome, iterations = None, None, 0
+        best, outcome, iterations, met = None, None, 0, False
         ends = Ends(few_joints=bool(self._missing), timed=end is not None)
         for restart in range(1 if out >= 0.0 else self.max_restarts + 1):
             remaining = None if end is None else end - time.perf_counter()
@@ -267,9 +268,14 @@ class IKSolver(ABC):
                 best = result
             best = best._replace(iterations=iterations, restarts=restart)
             residual = outcome.residual or float(np.hypot(result.position_error, result.rotation_error))
-            if best or ends.add(residual, met=result.status is IKStatus.OUTSIDE_LIMITS):
+            outside = result.status is IKStatus.OUTSIDE_LIMITS
+            met = met or outside
+            if best or ends.add(residual, met=outside):
                 break
         assert best is not None  # the loop runs at least once
+        if met and not best and self.robot.motors is not None:
+            said = "the target was met only outside the ranges of the motors"
+            return best._replace(status=IKStatus.OUTSIDE_LIMITS, message=said)
         return self._mark_unreachable(best, target) if out >= 0.0 and not best else self._name_missing(best)
 
     def _attempt(
@@ -291,12 +297,7 @@ class IKSolver(ABC):
         return result._replace(status=IKStatus.UNREACHABLE, message=message)
 
     def _name_missing(self, result: IKResult) -> IKResult:
-        """Return a failure with the status TOO_FEW_JOINTS if the arm has fewer joints than the task has components.
-
-        A failure outside the limits of an arm with coupled motors names the box of axes.
-        """
-        if result.status is IKStatus.OUTSIDE_LIMITS and self.robot.motors is not None:
-            return result._replace(message="the target was met only outside the box of axes inside the motors' ranges")
+        """Return a failure with the status TOO_FEW_JOINTS if the arm has fewer joints than the task has components."""
         # A method that could not take a step says why itself.
         ended = result.iterations and result.status in (IKStatus.MAX_ITERATIONS, IKStatus.STALLED)
         if not self._missing or not ended:
@@ -306,7 +307,7 @@ class IKSolver(ABC):
     def _find_closest(self, result: IKResult, target: Array, q0: Array) -> IKResult:
         """Return a failure with the configuration of the nearest pose, searched from it, from `q0` and from restarts."""
         starts = [result.q, q0, *(sample_restart(self.robot, target, q0, r) for r in range(1, 9))]
-        q = find_nearest_pose(self.robot, self.task, target, np.array(starts))
+        q = self.robot.limits.clip(find_nearest_pose(self.robot, self.task, target, np.array(starts)))
         position, rotation, _ = self._measure(q, target)
         if position <= self.tolerance.position and rotation <= self.tolerance.rotation:
             return IKResult(q, IKStatus.SOLVED, result.iterations, result.restarts, position, rotation, result.trace)
@@ -314,7 +315,7 @@ class IKSolver(ABC):
 
     def _judge(self, outcome: Attempt, target: Array) -> IKResult:
         """Return the result of an attempt, with errors and status by our own forward kinematics and the limits."""
-        q, status = outcome.q, outcome.status
+        q, status = self._wind(outcome.q), outcome.status
         position, rotation, inside = self._measure(q, target)  # NaN fails every comparison below
         solves = position <= self.tolerance.position and rotation <= self.tolerance.rotation
         if solves and inside:
@@ -328,11 +329,21 @@ class IKSolver(ABC):
             position, rotation, _ = self._measure(q, target)
         return IKResult(q, status, outcome.iterations, 0, position, rotation, outcome.trace, outcome.message)
 
+    def _wind(self, q: Array) -> Array:
+        """Return the configuration, or a winding of it with all motors inside their ranges."""
+        robot = self.robot
+        if robot.motors is None or not np.isfinite(q).all() or robot.limits.contains(q):
+            return q
+        rows = windings(robot, q, q, ~robot.prismatic)
+        inside = rows[robot.limits.contains(rows)]
+        return inside[0] if len(inside) else q
+
     def _measure(self, q: Array, target: Array) -> tuple[float, float, bool]:
         """Return the position and rotation error at q [m, rad], and whether q is inside the limits."""
         robot = self.robot
         limits = robot.limits.lower, robot.limits.upper
-        return judge(robot.chain, limits, (self.task.flags, target), LIMIT_TOLERANCE, q)
+        position, rotation, inside = judge(robot.chain, limits, (self.task.flags, target), LIMIT_TOLERANCE, q)
+        return position, rotation, inside and (robot.motors is None or bool(robot.limits.contains(q)))
 
 
 def _error_ratio(result: IKResult, tolerance: Tolerance) -> float:

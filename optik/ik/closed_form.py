@@ -182,7 +182,7 @@ class ClosedForm(IKSolver):
         """Return the branch nearest to the initial guess."""
         # contiguous and writeable: kernels are compiled once
         target, start = np.ascontiguousarray(target), np.array(start)
-        if self._backend is None or self._redundant:
+        if self._backend is None or self._redundant or self.robot.motors is not None:
             return self._choose_nearest(
                 target, start, self._find_all(target, start, self._find_candidates(target), few=True)
             )

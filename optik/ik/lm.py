@@ -110,7 +110,8 @@ class LM(IKSolver):
         self._n = robot.n
         self._kernel = _compile_single(robot.n)
         self._arm = pack(robot, self._reach, self._numbers)
-        self._fast = self.task.is_pose and self.time_limit is None and not self.preference
+        usual = self.time_limit is None and robot.motors is None
+        self._fast = self.task.is_pose and usual and not self.preference
         self._compare_models()
 
     def solve(self, target: ArrayLike, q0: ArrayLike, *, trace: bool = False, closest: bool = False) -> IKResult:
@@ -166,8 +167,8 @@ class LM(IKSolver):
             return result._replace(message=note)
         tolerance = self.tolerance.position, self.tolerance.rotation
         q = self.preference.improve(self.task, tolerance, target, q0, result.q)
-        position, rotation, _ = self._measure(q, target)
-        return result._replace(q=q, position_error=position, rotation_error=rotation)
+        position, rotation, inside = self._measure(q, target)
+        return result._replace(q=q, position_error=position, rotation_error=rotation) if inside else result
 
     def _attempt(
         self, restart: int, target: Array, q0: Array, trace: bool, time_limit: float | None, last: Attempt | None
@@ -176,7 +177,9 @@ class LM(IKSolver):
             return super()._attempt(restart, target, q0, trace, time_limit, last)
         arm, n = self._arm.copy(), self.robot.n
         arm[AT_FIRST], arm[AT_ATTEMPTS] = restart, restart + 1
-        if last is not None:  # a failed attempt ends with the best iterate of all attempts so far
+        if (
+            last is not None and self.robot.motors is None
+        ):  # a failed attempt ends with the best iterate of all attempts so far
             position, rotation, _ = self._measure(last.q, target)
             arm[AT_BEST_E], arm[AT_BEST : AT_BEST + n] = 0.5 * (position**2 + rotation**2), last.q
         out = np.empty(n + 6 * (self.max_iterations + 1 if trace else 1))

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from optik.arm.limits import LIMIT_TOLERANCE
+from optik.arm.motors import find_outside
 from optik.arm.robot import Robot
 from optik.card import Card
 from optik.check import check_number, real_array
@@ -274,14 +275,19 @@ class IKBatch(NamedTuple):
         return cls(np.empty((N, n)), np.empty(N, np.uint8), *count, np.empty(N), np.empty(N))
 
 
+NONE = (-1, -1)
+"""No invalid target and no invalid initial guess."""
+
+
 def check_problem(robot: Robot, target: ArrayLike, q0: ArrayLike) -> tuple[Array, Array]:
     """Check a target and an initial guess; valid plain arrays are checked by compiled code, in a tenth of the time."""
     if type(target) is type(q0) is np.ndarray and target.dtype == q0.dtype == np.float64:
         plain = target.shape == (4, 4) and q0.shape == (robot.n,) and target.flags.carray and q0.flags.carray
-        limits = robot.limits
-        if plain and find_first_invalid(target[None], q0[None], (limits.lower, limits.upper), LIMIT_TOLERANCE) == (
-            -1,
-            -1,
+        limits = robot.limits.lower, robot.limits.upper
+        if (
+            plain
+            and robot.motors is None
+            and find_first_invalid(target[None], q0[None], limits, LIMIT_TOLERANCE) == NONE
         ):
             return target, q0
     return _copy_if_needed(check_pose(target, "target")), _copy_if_needed(check_start(robot, q0))
@@ -291,14 +297,10 @@ def check_start(robot: Robot, q0: ArrayLike, argument: str = "q0") -> Array:
     """Check that an initial guess is a configuration inside the limits, and return it as an array."""
     q = robot.configuration(q0, argument)
     if not robot.limits.contains(q):
-        lower, upper = robot.limits.lower, robot.limits.upper
-        i = int(np.argmax(np.maximum(lower - q, q - upper)))
+        name, value, lower, upper, i = find_outside(robot, q)
         unit = "m" if robot.prismatic[i] else "rad"
-        raise InvalidInput(
-            argument,
-            f"{robot.joint_names[i]} = {q[i]:.6g} {unit}",
-            f"every joint inside its limits, here [{lower[i]:.6g}, {upper[i]:.6g}] {unit}",
-        )
+        expected = f"every joint inside its limits, here [{lower:.6g}, {upper:.6g}] {unit}"
+        raise InvalidInput(argument, f"{name} = {value:.6g} {unit}", expected)
     return q
 
 
@@ -319,6 +321,8 @@ def check_batch(robot: Robot, targets: ArrayLike, starts: ArrayLike) -> tuple[Ar
     wrong = find_first_invalid(poses, np.atleast_2d(q), limits, LIMIT_TOLERANCE)
     if wrong[0] >= 0:
         check_pose(poses[wrong[0]], f"targets[{wrong[0]}]")
+    if wrong[1] < 0 and robot.motors is not None and not (inside := robot.limits.contains(np.atleast_2d(q))).all():
+        wrong = wrong[0], int(inside.argmin())
     if wrong[1] >= 0:
         one = q if q.ndim == 1 else q[wrong[1]]
         check_start(robot, one, "starts" if q.ndim == 1 else f"starts[{wrong[1]}]")

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from optik import se3
+from optik.arm.motors import find_outside
 from optik.arm.reach import ask_unit, outside_reach, reach_bound
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
@@ -202,11 +203,10 @@ class CellTask:
             reason, advice = f"the encoder of {joint} gives no position", "repair the encoder, then start again"
             raise self._fail("target", CellStatus.FAULT, reason, advice)
         if not robot.limits.contains(q):
-            out = np.maximum(robot.limits.lower - q, q - robot.limits.upper)
-            i = int(out.argmax())
-            low, high, unit = robot.limits.lower[i], robot.limits.upper[i], joint_unit(robot, i)
-            reason = f"{robot.joint_names[i]} is at {q[i]:.6g} {unit}, outside its range [{low:.6g}, {high:.6g}] {unit}"
-            advice = f"move {robot.joint_names[i]} into its range by hand, then start again"
+            name, value, low, high, i = find_outside(robot, q)
+            unit = joint_unit(robot, i)
+            reason = f"{name} is at {value:.6g} {unit}, outside its range [{low:.6g}, {high:.6g}] {unit}"
+            advice = f"move {name} into its range by hand, then start again"
             raise self._fail("target", CellStatus.NO_PLAN, reason, advice)
         return np.clip(q, robot.limits.lower, robot.limits.upper)
 

@@ -21,7 +21,7 @@ from planners.paths.base import Path
 from planners.trajectory import Extrema, Trajectory, map_joints
 
 
-def _reach(robot: Robot, trajectory: Trajectory) -> tuple[Extrema, JointLimits]:
+def reach_of(robot: Robot, trajectory: Trajectory) -> tuple[Extrema, JointLimits]:
     """Return the positions that a motion reaches, and their limits: of the joints, or of the motors that move them together."""
     if robot.motors is None:
         return trajectory.extrema(0), robot.limits
@@ -31,13 +31,13 @@ def _reach(robot: Robot, trajectory: Trajectory) -> tuple[Extrema, JointLimits]:
 
 def position_margins(robot: Robot, trajectory: Trajectory) -> Array:
     """Return the least distance of every joint, or motor, to its position limits over a motion."""
-    reach, limits = _reach(robot, trajectory)
+    reach, limits = reach_of(robot, trajectory)
     return np.minimum(reach.least - limits.lower, limits.upper - reach.greatest)
 
 
 def position_times(robot: Robot, trajectory: Trajectory) -> Array:
     """Return the times at which the joints are nearest to their position limits (n,) [s]."""
-    reach, limits = _reach(robot, trajectory)
+    reach, limits = reach_of(robot, trajectory)
     lower = reach.least - limits.lower < limits.upper - reach.greatest
     return np.where(lower, reach.t_least, reach.t_greatest)
 

@@ -18,7 +18,10 @@ PEAK_INTERVALS = 200_000
 def prove_peaks(
     motion: MotionBounds, evaluate: Evaluate, enclose: Enclose, excess: float, count: int
 ) -> tuple[Array, Array]:
-    """Return proved bounds (count,) on values, at most a fraction `excess` above the largest found, and the times of these."""
+    """Return proved bounds (count,) on ratios to limits, at most a fraction `excess` above the largest found, and their times.
+
+    A ratio that is nowhere found above 1 is bounded until it is proved to be at most 1: a part of a valid motion is valid.
+    """
     piece, (left, right) = np.arange(motion.knots.size - 1), motion.joint_ends
     begin, end = motion.knots[:-1].copy(), motion.knots[1:].copy()
     first, last = evaluate(left), evaluate(right)
@@ -33,7 +36,8 @@ def prove_peaks(
         _link_bounds(motion.lengths, np.asarray(motion.robot.prismatic), left, h, D, B, P)
         bound = enclose(first, last, h, B, P, D).reshape(h.size, count)
         intervals += h.size
-        wide = (bound > found * (1.0 + excess)).any(axis=1) & (h > NARROWEST_SHARE * motion.knots[-1])
+        close = np.where(found <= 1.0, np.minimum(found * (1.0 + excess), 1.0), found * (1.0 + excess))
+        wide = (bound > close).any(axis=1) & (h > NARROWEST_SHARE * motion.knots[-1])
         if intervals > PEAK_INTERVALS:
             wide[:] = False
         proved = np.maximum(proved, bound[~wide].max(axis=0, initial=-np.inf))

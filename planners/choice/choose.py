@@ -148,9 +148,13 @@ class Choice:
         problem = free.problem(place)
         own, y = at.dual[:, 0] - at.dual[:, 1], np.zeros((free.K + 1, free.rows + 2 * problem.edge.shape[2]))
         own[0, :m], own[-1] = 0.0, 0.0  # not limited there
-        first = counts[0] + counts[1]
-        y[:, first : first + counts[2] + counts[3]] = own[:, : counts[2] + counts[3]]
-        y[:, free.rows :] = own[:, m:]
+        first, rows = counts[0] + counts[1], fixed.rows
+        nodes, edges = own[:, :m], own[:, m:].reshape(len(own), 2, -1)
+        second, third = (sum(names.values()) for names in rows.others)  # which the choice does not know
+        nodes = np.delete(nodes, slice(counts[2], counts[2] + second), axis=1)
+        edges = np.delete(edges, slice(rows.joints, rows.joints + third), axis=2)
+        y[:, first : first + counts[2] + counts[3]] = nodes[:, : counts[2] + counts[3]]
+        y[:, free.rows :] = edges.reshape(len(own), -1)
         self._spread_speeds(problem.node, at, y)
         border = free.make_border()
         free.fill(place, at.z, y, border)

@@ -15,7 +15,7 @@ from optik.types import Array
 from planners.following import march
 from planners.following.joint_path import Course, make_empty_guide, smallest_singular_values
 from planners.following.singular import find_departures, find_regular_roots
-from planners.following.track import FollowedTrack, TrackEnd, track
+from planners.following.track import FollowedTrack, TrackEnd, cut_at_motors, track
 from planners.paths.base import Path
 
 Rooms = Callable[[Array], Array]
@@ -123,6 +123,10 @@ def _choose_winding(robot: Robot, path: Path, way: FollowedTrack, near: Array | 
     end, ended = float(way.s[-1]), way.ended
     if ends < end:
         end, ended = ends, TrackEnd(march.LIMIT, ends, 0.0, joint)
+    if robot.motors is not None:
+        cut = cut_at_motors(robot, way, turns).ended
+        if cut is not None and cut.s < end:
+            end, ended = cut.s, cut
     motion = float(np.linalg.norm(np.diff(way.q, axis=0), axis=1).sum())
     q = way.q[0] + turns
     sigma = smallest_singular_values(robot, way.q)

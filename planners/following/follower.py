@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from optik import newton
-from optik.arm.limits import LIMIT_TOLERANCE
+from optik.arm.motors import maker_names
 from optik.arm.reach import reach_bound
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
@@ -33,7 +33,7 @@ from planners.following.redundancy import MOST_REFINEMENTS, find_null_space_moti
 from planners.following.resolve import Resolution
 from planners.following.resolve.graph import Sequence
 from planners.following.singular import smallest_singular_value
-from planners.following.track import FollowedTrack, TrackEnd, track
+from planners.following.track import FollowedTrack, TrackEnd, find_exit, track
 from planners.paths.base import Path
 from planners.paths.free_path import FreePath
 from planners.paths.poses import NO_LENGTH
@@ -135,13 +135,11 @@ class Follower:
             knots = np.union1d(self.grid, path.breaks[(path.breaks > 0.0) & (path.breaks < path.end)])
         orders = [path.configurations(robot, knots, order) for order in range(4)]
         q, dq = np.array(orders[0]), np.stack([np.array(d) for d in orders[1:]], axis=1)
-        lower, upper = robot.limits.lower - LIMIT_TOLERANCE, robot.limits.upper + LIMIT_TOLERANCE
-        exits = [march.find_limit_exit(knots, q, dq, lower, upper, i) for i in range(robot.n)]
-        i = int(np.argmin(exits))
-        failure, good, s = None, len(knots), exits[i]
+        (s, i), failure, good = find_exit(robot, knots, q, dq), None, len(knots)
         if s <= path.end:
-            good, name = int(np.searchsorted(knots, s)), robot.joint_names[i]
-            low, high = robot.limits.lower[i], robot.limits.upper[i]
+            good, name = int(np.searchsorted(knots, s)), maker_names(robot)[i]
+            limits = robot.limits if robot.motors is None else robot.motors.limits
+            low, high = limits.lower[i], limits.upper[i]
             span = f"[{low:.6g}, {high:.6g}] {joint_unit(robot, i)}"
             reason = f"{name} leaves its range {span} at {format_position(path, s)}"
             advice = "a path in joint space inside the limits"

@@ -8,6 +8,7 @@ import numpy as np
 
 from optik import newton
 from optik.arm.limits import LIMIT_TOLERANCE
+from optik.arm.motors import maker_joints
 from optik.arm.robot import Robot
 from optik.ik import Tolerance
 from optik.types import Array
@@ -65,9 +66,29 @@ def track(
     limits: tuple[Array, Array] | None = None,
 ) -> FollowedTrack:  # fmt: skip
     """Track the branch of a configuration along a path."""
-    if limits is None:
-        limits = robot.limits.lower, robot.limits.upper
-    return _Tracker(robot, course, tolerance, limits).run(nodes, q_start)
+    if limits is not None:
+        return _Tracker(robot, course, tolerance, limits).run(nodes, q_start)
+    way = _Tracker(robot, course, tolerance, (robot.limits.lower, robot.limits.upper)).run(nodes, q_start)
+    return way if robot.motors is None else cut_at_motors(robot, way)
+
+
+def find_exit(robot: Robot, s: Array, q: Array, dq: Array) -> tuple[float, int]:
+    """Return where the first joint, or motor, leaves its range between nodes, and which; infinity if none does."""
+    limits = robot.limits if robot.motors is None else robot.motors.limits
+    x, dx = maker_joints(robot, q), maker_joints(robot, dq, 1)
+    lower, upper = limits.lower - LIMIT_TOLERANCE, limits.upper + LIMIT_TOLERANCE
+    exits = [march.find_limit_exit(s, x, dx, lower, upper, i) for i in range(robot.n)]
+    i = int(np.argmin(exits))
+    return float(exits[i]), i
+
+
+def cut_at_motors(robot: Robot, way: FollowedTrack, turns: Array | float = 0.0) -> FollowedTrack:
+    """Return a track, shifted by turns (n,), up to where a motor leaves its range."""
+    s, i = find_exit(robot, way.s, way.q + turns, way.dq)
+    if s >= way.s[-1]:
+        return way
+    k = max(int(np.searchsorted(way.s, s)), 1)
+    return FollowedTrack(way.s[:k], way.q[:k], way.dq[:k], TrackEnd(march.LIMIT, s, 0.0, i))
 
 
 class _Tracker:

@@ -109,20 +109,21 @@ class BodySpeed(Limit):
         robot = motion.robot
         assert robot.shapes is not None
         link, first, second, radius = robot.shapes.capsules
+        unit = float(bound[0]) if self.is_given(bound) else 1.0
         away = np.maximum(np.linalg.norm(first, axis=1), np.linalg.norm(second, axis=1)) + radius
 
         def evaluate(joints: Array) -> Array:
-            speeds = self._speeds(robot, joints[:, 0], joints[:, 1])
+            speeds = self._speeds(robot, joints[:, 0], joints[:, 1]) / unit
             return np.concatenate([speeds.max(axis=1, keepdims=True), speeds], axis=1)
 
         def enclose(one: Array, other: Array, h: Array, B: Array, P: Array, _: Array) -> Array:
-            third = np.where(link > 0, P[:, link, 3] + away * B[:, link, 3], 0.0)
+            third = np.where(link > 0, P[:, link, 3] + away * B[:, link, 3], 0.0) / unit
             return np.asarray((np.maximum(one[:, 1:], other[:, 1:]) + h[:, None] ** 2 / 8.0 * third).max(axis=1))
 
-        (value,), (time,) = motion.prove_peaks(self.name, evaluate, enclose, self.PROOF_EXCESS)
+        (ratio,), (time,) = motion.prove_peaks((self.name, unit), evaluate, enclose, self.PROOF_EXCESS)
         if motion.jumps[0].any():
-            value = np.inf
-        return ToolExtreme(value, value / float(bound[0]) if self.is_given(bound) else np.nan, time)
+            ratio = np.inf
+        return ToolExtreme(ratio * unit, ratio if self.is_given(bound) else np.nan, time)
 
 
 METHOD = BodySpeed

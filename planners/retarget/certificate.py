@@ -8,13 +8,14 @@ from functools import cached_property
 
 import numpy as np
 
+from optik.arm.motors import maker_names
 from optik.arm.robot import Robot
 from optik.check import format_ratio
 from optik.scene import Scene
 from optik.types import Array
 from planners.certificate.analysis import MotionAnalysis
 from planners.certificate.certificate import RATIO_ROUNDING
-from planners.certificate.checks import find_position_violations
+from planners.certificate.checks import find_position_violations, reach_of
 from planners.certificate.clearance import Clearance, clearance
 from planners.certificate.violation import Violation, word_of_limit
 from planners.limits import DERIVATIVES, LOADED, TOOL_SPEEDS, Extreme, MotionLimits, ToolExtreme, kind_of
@@ -35,11 +36,13 @@ class StreamCertificate:
     Attributes
     ----------
     joint_names : tuple of str
-        In the order of all arrays.
+        Of the position margins.
     duration : float
         Of the motion [s].
     position_margin, t_position_margin : (n,) array
         Least distances to the position limits, exact [rad, m], and their times [s].
+    subjects : mapping of str to tuple of str
+        What each limit bounds: the joints, the tool, or combinations of joints.
     peaks : mapping of str to Extreme or ToolExtreme
         Peak values and their ratios to the limits: exact for velocity, acceleration and jerk, proved bounds for others.
     discontinuity : (3,) array
@@ -54,6 +57,7 @@ class StreamCertificate:
     duration: float
     position_margin: Array
     t_position_margin: Array
+    subjects: Mapping[str, tuple[str, ...]]
     peaks: Mapping[str, Extreme | ToolExtreme]
     discontinuity: Array
     clearance: Clearance | None
@@ -61,16 +65,15 @@ class StreamCertificate:
 
     @cached_property
     def violations(self) -> tuple[Violation, ...]:
-        """The violations; empty if the certificate is valid."""
+        """The violations, the largest of a limit first after those of positions; empty if the certificate is valid."""
         found = find_position_violations(self.position_margin, self.joint_names, self.t_position_margin)
-        for name, peak in self.peaks.items():
+        for name, peak in sorted(self.peaks.items(), key=lambda item: -np.nanmax(item[1].ratio, initial=0.0)):
             if not np.any(peak.ratio > 1.0):
                 continue
-            subject = kind_of(name).subject
-            ratio, where, t = peak.worst(self.joint_names if subject is None else (subject,))
+            ratio, where, t = peak.worst(self.subjects[name])
             if ratio > 1.0 + (EXCESS if name in DERIVATIVES else RATIO_ROUNDING):
                 words = f"{name} of {where} is {format_ratio(ratio)} of its limit at t = {t:.6g} s"
-                found.append(Violation(words, t, word_of_limit(name), where if subject is None else None))
+                found.append(Violation(words, t, word_of_limit(name), where if kind_of(name).subject is None else None))
         for value, name in zip(self.discontinuity, ("position", "velocity", "acceleration"), strict=True):
             if not value <= CONTINUOUS:
                 found.append(Violation(f"the {name} is discontinuous by {value:.3g}", 0.0, "limits"))
@@ -93,9 +96,7 @@ class StreamCertificate:
         verdict = "valid" if self.is_valid else f"NOT valid: {self.reasons[0]}"
         lines = [f"certificate {verdict}", f"duration {self.duration:.3g} s, then at rest"]
         for name, peak in self.peaks.items():
-            ratio, where, t = peak.worst(
-                self.joint_names if kind_of(name).subject is None else (kind_of(name).subject or "",)
-            )
+            ratio, where, t = peak.worst(self.subjects[name])
             lines += [] if np.isnan(ratio) else [f"peak / limit, {name}: {ratio:.3g} ({where} at {t:.3g} s)"]
         return "\n".join([*lines, f"not covered: {', '.join(self.not_covered)}"])
 
@@ -122,7 +123,10 @@ def certify_joined(
         first, last = np.array([curve.ends(order) for order in range(3)]).swapaxes(0, 1)
         steps = np.concatenate([first[:, :1] - state[:, None], first[:, 1:] - last[:, :-1]], axis=1)
         jump[:] = np.maximum(np.abs(steps).max(axis=(1, 2)), [0.0, *np.abs(last[1:, -1]).max(axis=1)])
-    lower, upper = out[0, 0] - robot.limits.lower, robot.limits.upper - out[0, 1]
+    reach, limited = out[0], robot.limits
+    if robot.motors is not None:
+        reach, limited = np.array(reach_of(robot, trajectory_of(curve))[0]), robot.motors.limits
+    lower, upper = reach[0] - limited.lower, limited.upper - reach[1]
     bounds, others = limits.bounds(robot.n), other_limits(limits)
     least, greatest, t_least, t_greatest = out[1:].swapaxes(0, 1)
     low, high = np.array([sides(bounds[name]) for name in DERIVATIVES]).swapaxes(0, 1)
@@ -133,9 +137,11 @@ def certify_joined(
     if others:
         motion = MotionAnalysis(robot, trajectory_of(curve))
         peaks |= {name: kind_of(name).judge(motion, bounds[name]) for name in others}
+    subjects = {name: kind_of(name).subjects(robot, bounds[name]) for name in peaks}
     free = [name.replace("_", " ") for name in (*LOADED, *TOOL_SPEEDS) if name not in others]
     return StreamCertificate(
-        robot.joint_names, curve.end, np.minimum(lower, upper), np.where(lower < upper, out[0, 2], out[0, 3]), peaks, jump,
+        maker_names(robot), curve.end, np.minimum(lower, upper), np.where(lower < upper, reach[2], reach[3]), subjects, peaks,
+        jump,
         None if scene is None else clearance(robot, trajectory_of(curve), scene),
         ("the path of the tool", *free, *([] if scene is not None else ["contact"])),
     )  # fmt: skip

@@ -174,7 +174,9 @@ class Retargeter:
                 self._relieve(box, peak, X, curve)
                 continue
             if name in self.others:
-                box[:, order] *= min(max(OTHER_PART / ratio, LEAST_FACTOR), OTHER_PART)
+                reached = proof.peaks[DERIVATIVES[order - 1]].value  # the bounds may be higher than what is reached
+                used = np.clip(np.abs(reached) / np.abs(box[:, order]).max(axis=1), LEAST_FACTOR, 1.0)
+                box[:, order] *= (used * min(max(OTHER_PART / ratio, LEAST_FACTOR), OTHER_PART))[:, None]
             else:  # by rounding in Ruckig
                 box[:, order] *= (1.0 - 100.0 * SPARE) / ratio
             if order < 3:  # the state stays inside

@@ -76,7 +76,7 @@ def _wind(robot: Robot, q: Array, near: Array, turning: Flags) -> Array:
             [wound, others[(x >= lower[i]) & (x <= upper[i]) & (np.abs(x - near[i]) <= FARTHEST_WINDING)]]
         )
         wound = wound[np.argsort(np.linalg.norm(wound - near, axis=1), kind="stable")[:MOST_GOALS]]
-    wound = _drop_equal(wound)
+    wound = _drop_equal(wound if robot.motors is None else wound[robot.limits.contains(wound)])
     return np.ascontiguousarray(wound[np.argsort(np.linalg.norm(wound - near, axis=1), kind="stable")])
 
 

@@ -159,7 +159,8 @@ class JointSpace:
         -------
         bool
         """
-        return find_blocked(self.body, q, self.work) < 0
+        inside = self.robot.motors is None or bool(self.robot.limits.contains(q))
+        return inside and find_blocked(self.body, q, self.work) < 0
 
     def is_edge_free(self, a: Array, b: Array) -> bool:
         """Return whether the straight joint motion from a to b is proved to be collision-free.

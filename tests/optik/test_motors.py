@@ -53,14 +53,21 @@ def test_motors_and_axes_are_converted_both_ways(C: Array) -> None:
 
 
 @pytest.mark.parametrize("C", MATRICES.values(), ids=MATRICES)
-def test_axes_have_a_box_inside_the_ranges_and_the_greatest_rates(C: Array) -> None:
-    robot, rng = arm().with_motors(C, names=NAMES), np.random.default_rng(2)
+def test_limits_of_axes_are_those_that_the_motors_reach(C: Array) -> None:
+    robot, rng = arm().with_motors(C, offset=np.full(6, 0.1), names=NAMES), np.random.default_rng(2)
     motors, limits = robot.motors, robot.limits
-    corners = limits.lower + (limits.upper - limits.lower) * rng.integers(0, 2, (4000, 6))
-    assert motors.limits.contains(motors.of(corners)).all()
-    wider = limits.lower - 0.01 * (limits.upper - limits.lower), limits.upper + 0.01 * (limits.upper - limits.lower)
-    corners = np.where(rng.integers(0, 2, (4000, 6)) == 0, *wider)
-    assert not motors.limits.contains(motors.of(corners)).all()  # none larger of this form
+    signs = rng.integers(0, 2, (4000, 6))
+    corners = np.where(signs, motors.limits.upper, motors.limits.lower) @ C.T + 0.1
+    np.testing.assert_allclose(limits.lower, corners.min(axis=0), rtol=1e-12)
+    np.testing.assert_allclose(limits.upper, corners.max(axis=0), rtol=1e-12)
+    drawn = limits.lower + (limits.upper - limits.lower) * rng.uniform(size=(4000, 6))
+    m = (drawn - 0.1) @ np.linalg.inv(C).T
+    inside = ((m >= motors.limits.lower) & (m <= motors.limits.upper)).all(axis=1)
+    assert (limits.contains(drawn) == inside).all() and inside.any() and not inside.all()
+    assert limits.contains(limits.sample(rng, 1000)).all() and limits.contains(limits.middle)
+    clipped = limits.clip(drawn)
+    assert limits.contains(clipped).all() and (clipped[inside] == drawn[inside]).all()
+    assert limits.contains(limits.clip(limits.middle + 100.0 * rng.normal(size=(200, 6)))).all()
     for name in ("velocity", "acceleration", "jerk"):
         most = getattr(motors.limits, name)
         reached = np.abs((rng.integers(0, 2, (4000, 6)) * 2.0 - 1.0) * most @ C.T).max(axis=0)
@@ -123,11 +130,42 @@ def test_formats_without_a_place_for_them_refuse_them_by_name() -> None:
             write()
 
 
-def test_a_target_outside_the_box_says_so() -> None:
-    robot = optik.load("paper6r").with_motors(coupled_23())
-    rng, words = np.random.default_rng(5), set()
-    for m in robot.motors.limits.sample(rng, 40):
-        found = optik.solve_ik(robot, robot.fk(robot.motors.axes(m)), robot.limits.middle)
-        assert not found or robot.motors.limits.contains(robot.motors.of(found.q))
+@pytest.mark.parametrize("C", MATRICES.values(), ids=MATRICES)
+@pytest.mark.parametrize("solver", ["lm", "dls", "closed_form", "sqp"])
+def test_inverse_kinematics_searches_the_ranges_of_the_motors(C: Array, solver: str) -> None:
+    robot, solved = optik.load("ur5e" if solver == "closed_form" else "paper6r").with_motors(C, names=NAMES), 0
+    motors, low, high = robot.motors, robot.motors.limits.lower, robot.motors.limits.upper
+    given = motors.limits.sample(np.random.default_rng(5), 12)
+    for m in given:
+        found = optik.solve_ik(robot, robot.fk(motors.axes(m)), robot.limits.middle, solver)
+        solved += bool(found)
+        reached = np.linalg.solve(C, found.q - motors.offset)
+        assert ((reached >= low - 1e-9) & (reached <= high + 1e-9)).all()
+    assert solved == 12 or (solver in ("dls", "sqp") and solved)  # without restarts
+    targets = robot.fk(motors.axes(given))
+    batch = optik.ik.make_solver(robot, solver).solve_batch(targets, robot.limits.middle)
+    assert batch.solved.sum() == solved and robot.limits.contains(batch.q).all()
+
+
+def test_what_only_motors_out_of_range_reach_says_so() -> None:
+    robot, rng, words = optik.load("paper6r").with_motors(coupled_23(), names=NAMES), np.random.default_rng(5), set()
+    plain = optik.load("paper6r").with_limits(lower=robot.limits.lower, upper=robot.limits.upper)
+    for q in plain.limits.sample(rng, 60):
+        found = optik.solve_ik(robot, robot.fk(q), robot.limits.middle)
         words |= set() if found else {found.message}
-    assert words == {"the target was met only outside the box of axes inside the motors' ranges"}
+    assert words == {"the target was met only outside the ranges of the motors"}
+    outside = robot.motors.axes(robot.motors.limits.upper * np.array([1.0, 1.0, 1.1, 1.0, 1.0, 1.0]))
+    for start in (outside, [outside]):
+        with pytest.raises(InvalidInput, match="M3 = "):
+            solver = optik.ik.make_solver(robot, "lm")
+            T = robot.fk(robot.limits.middle)
+            solver.solve(T, start) if start is outside else solver.solve_batch(T[None], start)
+
+
+def test_ranges_of_axes_follow_from_those_of_the_motors() -> None:
+    robot = arm().with_motors(wrist(), names=NAMES)
+    with pytest.raises(InvalidInput, match="ranges of the motors"):
+        robot.with_limits(lower=robot.limits.lower + 0.1)
+    assert robot.with_limits(velocity=1.0).limits.contains(robot.limits.middle)
+    plain = robot.with_limits(robot.limits)
+    assert plain == robot

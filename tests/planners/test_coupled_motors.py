@@ -3,16 +3,35 @@
 from __future__ import annotations
 
 import csv
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import optik
-from optik.errors import InvalidInput
+from optik import Scene
+from optik.errors import InvalidInput, NoSolution
 from optik.types import Array
-from planners import JointLine, MotionLimits, Plan, certify, load_motion, load_trajectory, plan, replan, save, to_ros
+from planners import (
+    JointLine,
+    Line,
+    MotionLimits,
+    Plan,
+    PointToPoint,
+    certify,
+    find_path,
+    free,
+    load_motion,
+    load_trajectory,
+    plan,
+    replan,
+    retarget,
+    save,
+    to_ros,
+)
 from planners.files.base import from_plain, to_plain
+from planners.limits._combination import Combination
 from tests.optik.test_motors import MATRICES, NAMES
 
 BENT = np.array([0.3, -0.5, 0.6, -0.4, 0.5, 0.2])
@@ -21,15 +40,15 @@ TURN = np.array([1.0, -0.7, 0.8, 0.9, -1.0, 1.1])
 
 def arm(C: Array) -> optik.Robot:
     plain = optik.load("puma560").with_payload(2.0)
-    return plain.with_limits(velocity=2.5, acceleration=15.0, jerk=150.0, torque_rate=3000.0).with_motors(
-        C, names=NAMES
-    )
+    torque = 1.3 * plain.limits.torque  # the random matrix lets gravity act on the small motors of the wrist
+    return plain.with_limits(
+        velocity=2.5, acceleration=15.0, jerk=150.0, torque=torque, torque_rate=3000.0
+    ).with_motors(C, names=NAMES)
 
 
 def planned(name: str, law: str = "optimal") -> Plan:
     robot = arm(MATRICES[name])
-    start = np.clip(BENT, robot.limits.lower + 0.01, robot.limits.upper - 0.01)
-    goal = np.clip(BENT + TURN, robot.limits.lower + 0.01, robot.limits.upper - 0.01)
+    start, goal = robot.limits.clip(BENT), robot.limits.clip(BENT + TURN)
     return plan(robot, JointLine(robot, start, goal), start, timing=law, allow="jerk")
 
 
@@ -88,8 +107,6 @@ def test_the_torque_that_binds_is_met() -> None:
         + 0.75 * np.maximum(np.abs(torque).max(axis=0) - least - robot.motors.coulomb, 0.05)
     )
     tight = robot.motors.matrix.T
-    from planners.limits._combination import Combination
-
     given = Combination(tight, most, NAMES)
     found = plan(robot, free.path, free.trajectory(0.0), limits=MotionLimits.of(robot, motor_torque=given))
     assert found and found.duration > free.duration * 1.01
@@ -103,7 +120,8 @@ def test_the_range_of_a_motor_is_judged_exactly() -> None:
     middle = robot.motors.of(robot.limits.middle)
     m = middle.copy()
     m[2] = robot.motors.limits.upper[2] + 0.02
-    start, wide = robot.motors.axes(middle), robot.with_limits(lower=np.full(6, -9.0), upper=np.full(6, 9.0))
+    start, plain = robot.motors.axes(middle), replace(robot, motors=None)
+    wide = plain.with_limits(lower=np.full(6, -9.0), upper=np.full(6, 9.0))
     far = JointLine(wide, start, robot.motors.axes(m))
     motion = plan(wide, far, start, allow="limits")
     proof = certify(robot, far, motion.trajectory)
@@ -138,3 +156,72 @@ def test_stops() -> None:
     found = planned("random")
     stop = replan(found, 0.4 * found.duration, stop=True)
     assert stop and stop.certificate.worst("motor_acceleration")[0] <= 1.0
+
+
+def test_a_path_is_followed_up_to_where_a_motor_ends() -> None:
+    """Beyond the ranges of the motors, although every axis alone is inside its own."""
+    robot = arm(MATRICES["joints 2 and 3"])
+    m = robot.motors.limits.middle.copy()
+    m[2], m[3], m[4] = robot.motors.limits.upper[2] - 0.02, 0.4, 0.6
+    q = robot.motors.axes(m)
+    over = q.copy()
+    over[2] += 0.1
+    assert (robot.limits.lower < over).all() and (over < robot.limits.upper).all()
+    assert not robot.limits.contains(over)
+    found = plan(robot, Line(robot.fk(q), robot.fk(over)), q)
+    assert not found and "M3 reaches the end of its range" in found.failure.reason
+    with pytest.raises(InvalidInput, match=r"M3 = .* rad"):
+        JointLine(robot, q, over)
+
+
+@pytest.mark.parametrize("name", MATRICES)
+def test_searches_and_freedoms_stay_inside_the_ranges_of_the_motors(name: str) -> None:
+    robot, rng, found = optik.load("ur5e").with_motors(MATRICES[name], names=NAMES), np.random.default_rng(4), 0
+    ends = robot.limits.sample(rng, 16)
+    for first, last in zip(ends[::2], ends[1::2], strict=True):
+        try:
+            ways = find_path(robot, first, last, scene=Scene(spheres=[((0.4, 0.2, 0.3), 0.1)]), max_samples=3000)
+        except NoSolution:  # an end in contact
+            continue
+        for way in ways.paths:
+            found += 1
+            assert robot.limits.contains(way).all()
+    assert found
+    bent = robot.limits.clip(np.array([0.3, -1.2, 1.4, -1.6, -1.4, 0.3]))
+    goal = robot.fk(bent).copy()
+    goal[:3, 3] += [0.1, 0.1, 0.05]
+    limits = MotionLimits.of(robot, acceleration=10.0, jerk=100.0)
+    turned = plan(robot, free(Line(robot.fk(bent), goal), turn=True, tilt=0.2), limits=limits)
+    assert turned and turned.certificate.position_margin.min() >= 0.0
+
+
+def test_shapes_are_chosen_beside_limits_of_motors() -> None:
+    robot = arm(MATRICES["joints 2 and 3"])
+    start, goal = robot.limits.clip(BENT), robot.limits.clip(BENT + TURN)
+    found = plan(robot, PointToPoint(robot, start, goal), allow="jerk")
+    assert found and found.freedom.unknown
+    plain, none = replace(robot, motors=None), dict.fromkeys(MotionLimits.of(robot).extra)
+    usual = plan(plain, PointToPoint(plain, start, goal), allow="jerk")
+    wide = Combination(np.eye(6), np.full(6, 1e6), NAMES)
+    beside = {"motor_velocity": wide, "motor_acceleration": wide, "motor_jerk": wide}
+    again = plan(plain, PointToPoint(plain, start, goal), limits=MotionLimits.of(plain, **none | beside), allow="jerk")
+    assert again.freedom.gradient == pytest.approx(usual.freedom.gradient, rel=1e-3)
+
+
+def test_a_new_target_keeps_the_limits_of_motors_or_names_one() -> None:
+    found, joined, kept = planned("random"), 0, set()
+    rng, robot = np.random.default_rng(6), found.robot
+    E, b = np.linalg.inv(robot.motors.matrix), robot.motors.limits
+    limits = MotionLimits.of(robot, torque=None, torque_rate=None, motor_torque=None, motor_torque_rate=None)
+    for at in np.linspace(0.1, 0.6, 12) * found.duration:
+        goal = robot.limits.clip(found.trajectory(at) + 0.3 * rng.uniform(-1.0, 1.0, 6))
+        new = retarget(found, float(at), goal, limits=limits)
+        if not new:
+            kept.add(new.reason)
+            continue
+        joined += 1
+        t = np.linspace(0.0, new.trajectory.end, 5001)
+        for order, most in ((1, b.velocity), (2, b.acceleration), (3, b.jerk)):
+            assert (np.abs(new.trajectory(t, order) @ E.T) <= most * (1.0 + 1e-6)).all()
+    assert joined >= 7
+    assert all(any(name in reason for name in NAMES) for reason in kept)

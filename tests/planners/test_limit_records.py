@@ -26,12 +26,14 @@ from planners import (
     Suction,
     Tray,
     certify,
+    free,
     load_motion,
     make_law,
     plan,
     replan,
     save,
 )
+from planners.certificate.analysis import MotionAnalysis
 from planners.limits import kind_of
 from planners.trajectory import Trajectory
 from tests import oracles
@@ -283,3 +285,29 @@ def test_a_robots_own_records_are_limits() -> None:
     _, _, v, a = dense(found.trajectory)
     y = np.sign(v) * a
     assert found and y.max() <= 8.0 + 1e-6 and 8.5 < -y.min() <= 12.0 + 1e-6
+
+
+def test_a_ratio_below_one_is_proved_to_be_at_most_one() -> None:
+    """Bounds that are close enough may still be above 1: then a part of a valid motion would not be valid."""
+    motion = MotionAnalysis(
+        arm(), plan(arm(), JointLine(arm(), BENT, BENT + 0.5), BENT, limits=MotionLimits.of(arm(), **BOX)).trajectory
+    )
+    for most in (1.0 - 1e-6, 0.5, 1.0 + 1e-6):
+
+        def evaluate(joints: Array, most: float = most) -> Array:
+            return np.full((len(joints), 1), most)
+
+        def enclose(first: Array, last: Array, h: Array, *_: Array) -> Array:
+            return first[:, 0] * (1.0 + 9e-5 * np.minimum(h / 0.01, 1.0) ** 2)
+
+        (ratio,), _ = motion.prove_peaks(most, evaluate, enclose, 1e-4)
+        assert most <= ratio <= (1.0 if most < 1.0 else most * (1.0 + 1e-4))
+
+
+def test_freedoms_of_an_arm_whose_speed_falls_towards_the_ends() -> None:
+    robot = optik.load("fr3")
+    q = np.array([0.0, -0.6, 0.0, -2.2, 0.0, 1.6, 0.8])
+    goal = robot.fk(q).copy()
+    goal[:3, 3] = [0.5, -0.4, 0.3]
+    found = plan(robot, free(Line(robot.fk(q), goal), turn=True, tilt=0.3))
+    assert found and found.certificate.worst("velocity_by_position")[0] <= 1.0

@@ -216,7 +216,7 @@ class ProgrammeSolver(IKSolver):
         self.bounds = _tighten_limits(robot, self.limit_distance)
         self.free_joints = int((self.bounds.lower < self.bounds.upper).sum())
         self._parameters = np.zeros(12 + robot.n)
-        self._quick = self.time_limit is None and not self.has_second_stage
+        self._quick = self.time_limit is None and not self.has_second_stage and robot.motors is None
         self._limits = robot.limits.lower, robot.limits.upper
         self._position, self._rotation = self.tolerance.position, self.tolerance.rotation
         self._prefix = f"{self.name.upper()}: "

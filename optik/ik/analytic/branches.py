@@ -80,7 +80,7 @@ def select_inside(robot: Robot, target: Array, tolerance: tuple[float, float], r
     rows, good = np.array(rows), np.empty(len(rows), np.bool_)
     limits = robot.limits
     keep_inside(robot.chain, (limits.lower, limits.upper), target, tolerance, rows, good)
-    return rows[good]
+    return rows[good if robot.motors is None else good & limits.contains(rows)]
 
 
 # ---------------------------------------------------------------- curves of roots

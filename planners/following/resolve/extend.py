@@ -48,9 +48,10 @@ def extend(robot: Robot, freedoms: tuple[tuple[Freedom, Bounds], ...]) -> Robot:
     rates = {
         name: np.append(x, np.full(d, np.inf)) for name in DYNAMIC_LIMITS if (x := getattr(limits, name)) is not None
     }
-    wide = limits.replace(lower=np.append(limits.lower, lower), upper=np.append(limits.upper, upper), **rates)
+    wide = limits.replace(lower=np.append(limits.lower, lower), upper=np.append(limits.upper, upper),
+                          velocity_by_position=None, **rates)  # fmt: skip
     return replace(
-        robot, name="+".join([robot.name, *labels]), fixed=np.concatenate([robot.fixed, fixed]),
+        robot, motors=None, name="+".join([robot.name, *labels]), fixed=np.concatenate([robot.fixed, fixed]),
         prismatic=np.append(robot.prismatic, prismatic), tool=tool, limits=wide, payload=None,
         joint_names=(*robot.joint_names, *names), inertia=_carry(robot, d),
     )  # fmt: skip

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import zlib
 from collections import Counter
+from dataclasses import replace
 from time import perf_counter
 from typing import NamedTuple
 
@@ -71,10 +72,10 @@ class Sampler:
         limits = arm.limits
         self.arm, self._own, self._collision, self._discs = arm, own, collision, discs
         self.redundant = arm.n > 6
-        self._solver = make_solver(arm, "lm", max_restarts=2)
+        self._solver = make_solver(replace(arm, motors=None), "lm", max_restarts=2)  # `allows` knows them
         poses = path.pose(SEED_STATIONS * path.end).round(6) + 0.0
         self.rng = np.random.default_rng([int(arm.fingerprint, 16), zlib.crc32(poses.tobytes())])
-        self.circle: Flags = ~arm.prismatic & (limits.upper - limits.lower > CIRCLE_RANGE)
+        self.circle: Flags = ~arm.prismatic & (limits.upper - limits.lower > CIRCLE_RANGE) & (own.motors is None)
         self._low = np.where(self.circle | np.isinf(limits.lower), -np.pi, limits.lower)
         self._high = np.where(self.circle | np.isinf(limits.upper), np.pi, limits.upper)
         speed = np.full(arm.n, np.inf) if limits.velocity is None else limits.velocity
@@ -117,6 +118,8 @@ class Sampler:
     def allows(self, q: Array) -> Flags:
         """Return which configurations are inside the limits and the discs of their freedoms."""
         inside = ((q >= self.arm.limits.lower) & (q <= self.arm.limits.upper) | self.circle).all(axis=1)
+        if self._own.motors is not None:
+            inside = inside & self._own.limits.contains(q[:, : self._own.n])
         for at, radius in self._discs:
             inside = inside & (np.linalg.norm(q[:, at : at + 2], axis=1) <= radius)
         return np.asarray(inside)
