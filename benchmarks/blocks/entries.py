@@ -31,7 +31,7 @@ from optik.check import check_count
 from optik.errors import InvalidInput
 from optik.plugins.usage import resolve_data_file
 from optik.registry import build_method, short_name
-from planners.limits import ALL_LIMITS
+from planners.limits import limit_names
 
 LABEL_MEANING = "Name in reports; by default its own."
 """Meaning of the key `label`."""
@@ -67,8 +67,8 @@ class BudgetedMethod(Method):
 
 
 def _limits(names: tuple[Any, ...]) -> tuple[str, ...]:
-    if unknown := [limit for limit in names if limit not in ALL_LIMITS]:
-        raise InvalidInput("", repr(unknown[0])[:60], f"limits out of {', '.join(ALL_LIMITS)}")
+    if unknown := [limit for limit in names if limit not in limit_names()]:
+        raise InvalidInput("", repr(unknown[0])[:60], f"limits out of {', '.join(limit_names())}")
     return names
 
 

@@ -20,6 +20,7 @@ from optik.plugins.files import CODE, is_path
 from optik.plugins.options import NO_DEFAULT, ParameterDoc, defaults, find_nearest_name, read_parameter_docs
 from optik.plugins.usage import collect_plugins
 from optik.registry import load_method
+from planners.limits import kind_of
 
 PEERS_OF = {IKPeer: ("benchmarks.peers.ik", "peer"), LawPeer: ("benchmarks.peers.laws", "peer of time laws")}
 """Group and noun of peers."""
@@ -64,7 +65,12 @@ def _table(model: type[Settings], table: dict[str, Any], at: str, absent: bool =
     """Explain the keys of a table, and on request those that it lacks."""
     keys = model.keys()
     for key in [*table, *(key for key in sorted(set(keys) - set(table)) if absent)]:
-        field, value, given = keys[key], table.get(key), key in table
+        value, given = table.get(key), key in table
+        if key not in keys:  # a further limit of a `LimitSet`
+            kind = kind_of(key)
+            yield Explained(f"{at}.{key}", value, "none", kind.units[0], (kind.__doc__ or "").splitlines()[0], given)
+            continue
+        field = keys[key]
         unit = (field.json_schema_extra or {}).get("unit", "")
         yield Explained(f"{at}.{key}", value, _default(field), unit, field.description or "", given)
         if key in ("options", "solver_options") and isinstance(value, dict):

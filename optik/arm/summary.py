@@ -43,6 +43,12 @@ def tool_facts(robot: ArmModel, tool: Array) -> list[tuple[str, str]]:
         ("Tool, joints in mid-range", f"({', '.join(f'{value + 0.0:.4g}' for value in np.round(x, 2))}) mm"),
         ("Shapes", "none" if robot.shapes is None else f"{robot.shapes.m} capsules"),
     ]
+    if robot.motors is not None:
+        facts.append(
+            ("Motors", f"{', '.join(robot.motors.names)} move these axes together, inside ranges of their own")
+        )
+    if robot.limits.velocity_by_position is not None:
+        facts.append(("Velocity", "falls towards the ends of the ranges"))
     facts += [("Payload", str(robot.payload))] if robot.payload is not None else []
     return [*facts, *([("Source", robot.source)] if robot.source else [])]
 

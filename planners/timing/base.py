@@ -121,7 +121,13 @@ class TimeLaw(ABC):
             The motion of `run`.
         """
         self.check(joint_path, limits)
-        found = self._time(joint_path, limits)
+        try:
+            found = self._time(joint_path, limits)
+        except NoSolution:  # what is exceeded even at rest is the better reason
+            bounds = limits.bounds(joint_path.robot.n)
+            for name in limits.extra or ():
+                kind_of(name).check_still(joint_path, bounds[name])
+            raise
         if isinstance(found, MotionAnalysis):
             return found
         return MotionAnalysis(joint_path.robot, check_motion(self, found, joint_path.robot), joint_path.path)

@@ -144,8 +144,8 @@ def judge(rows: list[Row]) -> list[Value]:
         for row in held:
             found = row.get(way, [])
             for one in found if isinstance(found, list) else [found]:
-                if not one.get("box", True):
-                    continue
+                if not one.get("box", True) or (way == "avoid" and "at rest" in one["why"]):
+                    continue  # the way around the obstacle tilts the goods
                 tried += 1
                 enforced = way != "quintic" and not (way == "toppra" and row["name"] in NOT_BY_TOPPRA)
                 good = one["ok"] or (way == "constant_speed" and "m/s" in one["why"])

@@ -31,7 +31,7 @@ FIELDS = {
     "duration": Field(pl.Float64, None, "duration", "s", "less", only="solved"),
     **{name: field for limit in JOINT_LIMITS
        for name, field in ((limit, NUMBER), (f"{limit}_joint", TEXT), (f"{limit}_time", NUMBER))},
-    **fields_of(NUMBER, "sampled_jerk tool_speed rotation_speed worst"), "holds": TRUTH, "broken": TEXT, "breaks": TEXT,
+    **fields_of(NUMBER, "sampled_jerk tool_speed rotation_speed worst further"), "holds": TRUTH, "broken": TEXT, "breaks": TEXT,
     "follows": TRUTH, **fields_of(NUMBER, "slowed least_duration distance angle true_distance true_angle singular_value"),
     "continuous": WHOLE, "ms_law": Field(pl.Float64, None, "time of the law", "ms", "less", only="solved", clock="wall"),
     "ms_certificate": NUMBER, "ms_plan": Field(pl.Float64, None, "time of a whole plan", "ms", "less", clock="wall"),
@@ -71,7 +71,10 @@ def facts_of(robot: Robot, path: Path, motion: Trajectory, proof: Certificate, l
         ratio, joint, when = proof.worst(field)
         if not np.isnan(ratio):
             facts |= {field: round(ratio, RATIO_DECIMALS), f"{field}_joint": joint, f"{field}_time": when}
-    facts["worst"] = round(float(np.nanmax([proof.worst(field)[0] for field in ALL_LIMITS])), RATIO_DECIMALS)
+    ratios = {field: proof.worst(field)[0] for field in (*ALL_LIMITS, *proof.extra)}
+    facts["worst"] = round(float(np.nanmax([*ratios.values()])), RATIO_DECIMALS)
+    if proof.extra:
+        facts["further"] = round(max(ratios[field] for field in proof.extra), RATIO_DECIMALS)
     # all of the path, forwards, from rest to rest, in range, no jumps: without promises, so the same for laws and peers
     facts["follows"] = replace(proof, enforced=(), tolerance=None).is_valid
     facts["true_distance"], facts["true_angle"] = off_path(robot, path, motion)
@@ -87,7 +90,7 @@ def least_duration(robot: Robot, path: Path, motion: Trajectory, proof: Certific
 
 def breaks(proof: Certificate) -> list[str]:
     """Return the limits that a motion violates, enforced or not."""
-    found = [field for field in ALL_LIMITS if round(proof.worst(field)[0], RATIO_DECIMALS) > 1.0]
+    found = [field for field in (*ALL_LIMITS, *proof.extra) if round(proof.worst(field)[0], RATIO_DECIMALS) > 1.0]
     return found + (["position"] if proof.position_margin.min() < -LIMIT_TOLERANCE else [])
 
 

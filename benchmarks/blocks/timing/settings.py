@@ -130,13 +130,13 @@ class LimitSet(Settings):
     @property
     def own(self) -> tuple[str, ...]:
         """Names of the limits that are the robot's."""
-        return tuple(field for field, value in self._given.items() if value == OF_ROBOT)
+        return tuple(field for field, value in (self._given | self.extra).items() if value == OF_ROBOT)
 
     @property
     def limits(self) -> MotionLimits:
         """Limits that are numbers."""
         numbers = {field: value for field, value in self._given.items() if value != OF_ROBOT}
-        return MotionLimits(**numbers, extra=self.extra)
+        return MotionLimits(**numbers, extra={name: value for name, value in self.extra.items() if value != OF_ROBOT})
 
     def of(self, robot: Robot) -> MotionLimits:
         """Return the limits on a robot."""
@@ -148,7 +148,9 @@ class LimitSet(Settings):
                 if name in ("torque", "torque_rate"):
                     wanted += " and its masses"
                 raise InvalidInput(f"limits {self.label!r}: {name}", f"{OF_ROBOT!r} with {robot.name}", wanted)
-        found = replace(self.limits, **values)
+        joints = {name: value for name, value in values.items() if name in ALL_LIMITS}
+        further = {name: value for name, value in values.items() if name not in ALL_LIMITS}
+        found = replace(self.limits, **joints, extra=dict(self.limits.extra or {}) | further)
         found.bounds(robot.n)
         return found
 
@@ -165,11 +167,16 @@ def told(limits: MotionLimits, entry: Entry) -> MotionLimits:
 
 def _words(given: dict[str, Any]) -> str:
     """Describe the limits, in the order of the file."""
-    return ", ".join(
+    numbers = [
         f"own {field}" if value == OF_ROBOT else str(value)
-        for field, value in (given | given.get("extra", {})).items()
+        for field, value in given.items()
         if value is not None and field != "extra"
-    )
+    ]
+    further = [
+        f"own {name}" if value == OF_ROBOT else name if isinstance(value, dict) else f"{name} {value}"
+        for name, value in given["extra"].items()
+    ]
+    return ", ".join([*numbers, *(words.replace("_", " ") for words in further)])
 
 
 class Example(Settings):

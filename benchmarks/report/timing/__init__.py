@@ -24,7 +24,7 @@ from benchmarks.report.winners import ranked
 from benchmarks.statistics import median_interval, not_longer
 from optik.registry import short_name
 from optik.types import Array
-from planners.limits import FIELD_LIMITS
+from planners.limits import FIELD_LIMITS, kind_of
 
 
 def timing(run: Run) -> dict[str, Any] | None:
@@ -103,6 +103,10 @@ def limit_words(part: LimitSet) -> str:
         if value is not None:
             each = ", ".join(f"{x:g}" for x in np.atleast_1d(value).ravel())
             words.append(f"{kind.name.replace('_', ' ')} {each} {kind.units[0]}")
+    for name, value in part.extra.items():
+        if name not in part.own:
+            fields = value.items() if isinstance(value, dict) else [(value, kind_of(name).units[0])]
+            words.append(f"{name.replace('_', ' ')} {', '.join(f'{k} {v}' for k, v in fields)}")
     return f"{quoted(part.label)} ({'; '.join(words)})"
 
 

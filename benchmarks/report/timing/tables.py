@@ -32,12 +32,12 @@ LAW_COLUMN = Column("label", "Law", show="text")
 
 
 def limited(rows: pl.DataFrame) -> list[str]:
-    """Return the limits on joints that some motion has: those on torque only if they were requested."""
-    return [field for field in JOINT_LIMITS if field in DERIVATIVES or rows[field].is_not_null().any()]
+    """Return the limits that some motion has: those on torque, and further ones, only if they were requested."""
+    return [field for field in (*JOINT_LIMITS, "further") if field in DERIVATIVES or rows[field].is_not_null().any()]
 
 
 def _words(field: str) -> str:
-    return field.replace("_", " ")
+    return "further limit" if field == "further" else field.replace("_", " ")
 
 
 def law_tables(b: BlockRows) -> list[Table]:
