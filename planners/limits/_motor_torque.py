@@ -23,7 +23,7 @@ from optik.types import Array
 from planners.limits._combination import Combination, CombinationLimit
 from planners.limits.inputs import Extreme, LimitedMotion, LimitedPath, PathPoints
 from planners.limits.kinds import torque_rate_rows, torque_rows
-from planners.limits.record import PLACES, dynamic_share, sampled_stretch
+from planners.limits.record import PLACES, SampledLimit, find_reversals
 
 TORQUE_EXCESS = 1e-5
 """Largest excess of a proved torque over the largest one found."""
@@ -33,7 +33,7 @@ AT_REST = 1e-9
 """Velocity [rad/s, m/s] of a motor that rests or reverses."""
 
 
-class MotorTorqueLimit(CombinationLimit):
+class MotorTorqueLimit(SampledLimit, CombinationLimit):
     """Base of the limits on motor torques and on their rates; the record's matrix is Cᵀ."""
 
     homogeneous: ClassVar[bool] = False
@@ -68,13 +68,10 @@ class MotorTorqueLimit(CombinationLimit):
             )  # at rest either sign
         return np.asarray(np.abs(each).max(axis=0) / limits)
 
-    def _sampled(self, motion: LimitedMotion, bound: Combination, c: float = 1.0) -> Array:
-        """Return the ratios (m, k, motors) of a motion stretched by c at sampled instants; at standstill for c = 0."""
+    def sampled(self, motion: LimitedMotion, bound: Combination, c: float = 1.0) -> Array:
+        """Return the ratios (m, k, motors) of a motion stretched by c at sampled instants."""
         states, t = motion.states(PLACES[::2])
-        states = (
-            states.reshape(-1, *states.shape[2:])[:, :4]
-            * (np.array([1.0, 0.0, 0.0, 0.0] if c == 0.0 else [1.0, 1.0 / c, 1.0 / c**2, 1.0 / c**3])[:, None])
-        )
+        states = states.reshape(-1, *states.shape[2:])[:, :4] * c ** -np.arange(4.0)[:, None]
         return self._ratios(motion.robot, bound, states).reshape(*t.shape, -1)
 
     # ------------------------------------------------------------ Limit
@@ -85,10 +82,7 @@ class MotorTorqueLimit(CombinationLimit):
         motors, T, limits = cast(Any, robot.motors), np.array(bound.matrix), np.array(bound.bound)[:, None]
         E = motors.inverse
         q1, q2, q3 = (at.q(order) @ E.T for order in (1, 2, 3))
-        still = np.abs(q1) <= 1e-9 * np.abs(q1).max(initial=0.0)
-        still[1:] |= q1[1:] * q1[:-1] < 0.0
-        still[:-1] |= q1[1:] * q1[:-1] < 0.0
-        out = []
+        still, out = find_reversals(q1), []
         for load in robot.loads:
             axes = torque_rate_rows(at, load) if self.rate else torque_rows(at, load)
             rows = np.einsum("mn,knc->kmc", T, axes)
@@ -106,15 +100,9 @@ class MotorTorqueLimit(CombinationLimit):
             out.append(rows / np.maximum(limits - np.where(still, motors.coulomb, 0.0)[..., None], 1e-9))
         return np.concatenate(out, axis=1)
 
-    def piece_ratios(self, motion: LimitedMotion, bound: Combination) -> Array:
-        """Return the ratios on each piece of a motion, sampled."""
-        return np.asarray(self._sampled(motion, bound).max(axis=1))
-
     def excess(self, motion: LimitedMotion, bound: Combination) -> Array:
-        """Return the dynamic share of each row."""
-        value, static = self._sampled(motion, bound), self._sampled(motion, bound, 0.0)
-        share = value.max(axis=1) if self.rate else dynamic_share(value, static)
-        return np.tile(share, len(motion.robot.loads))
+        """Return the dynamic share of each row, those of every load side by side."""
+        return np.tile(super().excess(motion, bound), len(motion.robot.loads))
 
     def judge(self, motion: LimitedMotion, bound: Combination) -> Extreme:
         """Return the proved peak values, their ratios and their times."""
@@ -156,14 +144,6 @@ class MotorTorqueLimit(CombinationLimit):
         return Extreme(
             np.where(np.isfinite(limits), ratio * limits, np.nan), np.where(np.isfinite(limits), ratio, np.nan), time
         )
-
-    def stretch_factor(self, motion: LimitedMotion, bound: Combination) -> float:
-        """Return the least factor by which a motion is stretched in time to respect the limit."""
-        proved = float(np.nanmax(self.judge(motion, bound).ratio))
-        if not np.isfinite(proved):
-            return np.inf
-        static = 0.0 if self.rate else float(self._sampled(motion, bound, 0.0).max())
-        return sampled_stretch(lambda c: float(self._sampled(motion, bound, c).max()), proved, static)
 
     def check_still(self, joint_path: LimitedPath, bound: Combination) -> None:
         """Refuse a path on which a motor cannot hold the arm."""

@@ -23,7 +23,7 @@ from optik.arm.robot import Robot
 from optik.errors import InvalidInput, NoSolution
 from optik.types import Array
 from planners.limits.inputs import LimitedMotion, LimitedPath, PathPoints, ToolExtreme
-from planners.limits.record import PLACES, RecordLimit, dynamic_share, sampled_stretch
+from planners.limits.record import PLACES, SampledLimit
 
 FACES = 16
 """Faces of a cone: the optimum is the same from 6 on where the tool does not turn."""
@@ -39,7 +39,7 @@ PROOF_EXCESS = 1e-5
 """Largest excess of a proved value over the largest one found."""
 
 
-class SpecificForceLimit(RecordLimit):
+class SpecificForceLimit(SampledLimit):
     """Base of the limits on the specific force of a carried object."""
 
     order: ClassVar[int] = 2
@@ -110,10 +110,11 @@ class SpecificForceLimit(RecordLimit):
         still, f, _ = self._force(motion.robot, bound, states.reshape(-1, *states.shape[2:]))
         return still.reshape(*t.shape, 3), f.reshape(*t.shape, 3)
 
-    def _ratio(self, motion: LimitedMotion, bound: Any, f: Array) -> Array:
-        """Return the ratios (m, k) of sampled specific forces."""
-        mass = self._object(motion.robot, bound)[0]
-        return self.measure(bound, mass, f.reshape(-1, 3)).reshape(f.shape[:-1])
+    def sampled(self, motion: LimitedMotion, bound: Any, c: float = 1.0) -> Array:
+        """Return the ratios (m, k, 1) of a motion stretched by c at sampled instants."""
+        still, f = self._sample(motion, bound)
+        given = (still + (f - still) / c**2).reshape(-1, 3)
+        return self.measure(bound, self._object(motion.robot, bound)[0], given).reshape(*f.shape[:-1], 1)
 
     # ------------------------------------------------------------ Limit
 
@@ -137,16 +138,9 @@ class SpecificForceLimit(RecordLimit):
         out[..., 3] += (FAR_SIDE - b) / (b + FAR_SIDE)
         return out
 
-    def piece_ratios(self, motion: LimitedMotion, bound: Any) -> Array:
-        """Return the ratios on each piece of a motion, sampled."""
-        return np.asarray(self._ratio(motion, bound, self._sample(motion, bound)[1]).max(axis=1, keepdims=True))
-
     def excess(self, motion: LimitedMotion, bound: Any) -> Array:
         """Return the dynamic share of the exact cone, the same for all rows."""
-        still, f = self._sample(motion, bound)
-        share = dynamic_share(self._ratio(motion, bound, f), self._ratio(motion, bound, still))
-        rows = self.faces(bound, 1.0, np.zeros((1, FACES, 3)))[1].size
-        return np.repeat(share[:, None], rows, axis=1)
+        return np.repeat(super().excess(motion, bound), self.faces(bound, 1.0, np.zeros((1, FACES, 3)))[1].size, axis=1)
 
     def judge(self, motion: LimitedMotion, bound: Any) -> ToolExtreme:
         """Return the proved peak value, its ratio and its time."""
@@ -182,16 +176,6 @@ class SpecificForceLimit(RecordLimit):
         if motion.jumps[:2].any():
             ratio = np.inf
         return ToolExtreme(ratio * self.value(bound), ratio, time)
-
-    def stretch_factor(self, motion: LimitedMotion, bound: Any) -> float:
-        """Return the least factor by which a motion is stretched in time to respect the limit."""
-        proved, (still, f) = float(self.judge(motion, bound).ratio), self._sample(motion, bound)
-        if not np.isfinite(proved):
-            return np.inf
-        static = float(self._ratio(motion, bound, still).max())
-        return sampled_stretch(
-            lambda c: float(self._ratio(motion, bound, still + (f - still) / c**2).max()), proved, static
-        )
 
     def check_still(self, joint_path: LimitedPath, bound: Any) -> None:
         """Refuse a path on which the object is not held at rest."""

@@ -14,7 +14,7 @@ from optik.arm.robot import Robot
 from optik.errors import InvalidInput
 from optik.types import Array
 from planners.limits.inputs import Extreme, LimitedMotion, PathPoints
-from planners.limits.record import PLACES, Record, RecordLimit, dynamic_share, sampled_stretch
+from planners.limits.record import PLACES, Record, SampledLimit, dynamic_share, find_reversals
 from planners.trajectory import Trajectory
 from planners.trajectory.trajectory import shift_pieces
 
@@ -56,7 +56,7 @@ class AccelerationByVelocity(Record):
             object.__setattr__(self, name, _numbers(getattr(self, name), name))
 
 
-class AccelerationByVelocityLimit(RecordLimit):
+class AccelerationByVelocityLimit(SampledLimit):
     """y = σ q̈ with σ = sign q̇ respects −D ≤ y and y + β |q̇| ≤ A, where β = A / v₀ and v₀ is the free speed.
 
     It adds two rows for each joint, y + β |q̇| and y, both in [−D, A]; their other sides are implied. The ratio of a joint is
@@ -96,11 +96,6 @@ class AccelerationByVelocityLimit(RecordLimit):
         A, D, beta = self._numbers(at.joint_path.robot, bound)
         q1, q2 = at.q(1), at.q(2)
         sign = np.where(q1 < 0.0, -1.0, 1.0)
-        still = np.abs(q1) <= 1e-9 * np.abs(q1).max(initial=0.0)
-        turning = sign[1:] * sign[:-1] < 0.0
-        reverses = still.copy()
-        reverses[1:] |= turning
-        reverses[:-1] |= turning
         out = np.zeros((*q1.shape, 3, 4))
         out[..., 0], out[..., 1] = (sign * q1)[..., None], (sign * q2)[..., None]
         out[..., 0, 2] = beta * np.abs(q1)
@@ -108,7 +103,7 @@ class AccelerationByVelocityLimit(RecordLimit):
         middle, half = 0.5 * (A - D)[:, None], 0.5 * (A + D)[:, None]
         out[..., 3] = -middle / half
         out[..., :3] /= half[..., None]
-        out[..., 2, :] = np.where(reverses[..., None], out[..., 2, :], 0.0)
+        out[..., 2, :] = np.where(find_reversals(q1)[..., None], out[..., 2, :], 0.0)
         return out.reshape(q1.shape[0], -1, 4)
 
     def _parts(self, motion: LimitedMotion) -> tuple[Array, Array, Array]:
@@ -117,10 +112,10 @@ class AccelerationByVelocityLimit(RecordLimit):
         v = states[:, :, 1]
         return np.where(v < 0.0, -1.0, 1.0) * states[:, :, 2], np.abs(v), t
 
-    def piece_ratios(self, motion: LimitedMotion, bound: AccelerationByVelocity) -> Array:
-        """Return the ratios on each piece of a motion, sampled."""
+    def sampled(self, motion: LimitedMotion, bound: AccelerationByVelocity, c: float = 1.0) -> Array:
+        """Return the ratios (m, k, n) of a motion stretched by c at sampled instants."""
         (A, D, beta), (y, w, _) = self._numbers(motion.robot, bound), self._parts(motion)
-        return np.asarray(np.maximum((y + beta * w) / A, -y / D).max(axis=1))
+        return np.asarray(np.maximum((y / c**2 + beta * w / c) / A, -y / c**2 / D))
 
     def excess(self, motion: LimitedMotion, bound: AccelerationByVelocity) -> Array:
         """Return the dynamic share of each row."""
@@ -158,16 +153,6 @@ class AccelerationByVelocityLimit(RecordLimit):
         value = np.abs(motion.trajectory(np.minimum(time, motion.trajectory.end), 2)[joints, joints])
         ratio = np.where(motion.jumps[:2].any(axis=(0, 1)), np.inf, ratio)
         return Extreme(value, ratio, time)
-
-    def stretch_factor(self, motion: LimitedMotion, bound: AccelerationByVelocity) -> float:
-        """Return the least factor by which a motion is stretched in time to respect the limit."""
-        (A, D, beta), (y, w, _) = self._numbers(motion.robot, bound), self._parts(motion)
-        proved = float(np.nanmax(self.judge(motion, bound).ratio))
-        if not np.isfinite(proved):
-            return np.inf
-        return sampled_stretch(
-            lambda c: float(np.maximum((y / c**2 + beta * w / c) / A, -y / c**2 / D).max()), proved, 0.0
-        )
 
     def scaled(self, value: AccelerationByVelocity, factor: float) -> AccelerationByVelocity:
         """Return the record with its accelerations multiplied by a factor."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import MISSING, asdict, fields
 from typing import Any, ClassVar, Self
@@ -11,8 +12,9 @@ import numpy as np
 from optik.arm.plain import read_record
 from optik.check import check_number, real_array
 from optik.errors import InvalidInput
-from optik.types import Array
+from optik.types import Array, Flags
 from planners.limits.base import Limit
+from planners.limits.inputs import LimitedMotion
 
 AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 """Names of axes of the tool's frame; a minus sign in front of one turns it."""
@@ -101,21 +103,38 @@ class RecordLimit(Limit):
         return None if data is None else self.record.from_plain(data, f"limits.{self.name}")
 
 
-def sampled_stretch(ratio: Any, proved: float, static: float) -> float:
-    """Return the least c at which the sampled ratio of a motion stretched by c, times what the proof adds, is at most 1.
+class SampledLimit(RecordLimit):
+    """Base of a kind of limit whose ratios are sampled for the law and proved by `judge`."""
 
-    `ratio` is a function of c; at standstill it is `static`.
-    """
-    over = max(proved / max(ratio(1.0), 1e-300), 1.0)
-    if static * over > 1.0:
-        return np.inf
-    low, high = 1e-3, 1.0
-    while ratio(high) * over > 1.0:
-        low, high = high, 2.0 * high
-    for _ in range(BISECTIONS):
-        c = 0.5 * (low + high)
-        low, high = (c, high) if ratio(c) * over > 1.0 else (low, c)
-    return float(max(high, np.nextafter(1.0, 2.0)) if proved > 1.0 else min(high, 1.0))
+    @abstractmethod
+    def sampled(self, motion: LimitedMotion, bound: Any, c: float = 1.0) -> Array:
+        """Return the ratios (m, k, r) of a motion stretched by c at sampled instants; at rest for an infinite c."""
+
+    def piece_ratios(self, motion: LimitedMotion, bound: Any) -> Array:
+        """Return the ratios on each piece of a motion, sampled."""
+        return np.asarray(self.sampled(motion, bound).max(axis=1))
+
+    def excess(self, motion: LimitedMotion, bound: Any) -> Array:
+        """Return the dynamic share of each row."""
+        return dynamic_share(self.sampled(motion, bound), self.sampled(motion, bound, np.inf))
+
+    def stretch_factor(self, motion: LimitedMotion, bound: Any) -> float:
+        """Return the least factor of time at which the sampled ratio, times what the proof adds, is at most 1."""
+        proved = float(np.nanmax(self.judge(motion, bound).ratio))
+
+        def ratio(c: float) -> float:
+            return float(self.sampled(motion, bound, c).max())
+
+        over = max(proved / max(ratio(1.0), 1e-300), 1.0)
+        if not np.isfinite(proved) or ratio(np.inf) * over > 1.0:
+            return np.inf
+        low, high = 1e-3, 1.0
+        while ratio(high) * over > 1.0:
+            low, high = high, 2.0 * high
+        for _ in range(BISECTIONS):
+            c = 0.5 * (low + high)
+            low, high = (c, high) if ratio(c) * over > 1.0 else (low, c)
+        return float(max(high, np.nextafter(1.0, 2.0)) if proved > 1.0 else min(high, 1.0))
 
 
 BISECTIONS = 60
@@ -124,6 +143,15 @@ PLACES = np.array([0.0, 0.1, 0.25, 0.4, 0.5, 0.6, 0.75, 0.9, 1.0])
 """Fractions of a piece at which the values of limits are sampled."""
 LEAST_ROOM = 1e-3
 """Least fraction of a limit above its static part with which a row is tightened."""
+
+
+def find_reversals(q1: Array) -> Flags:
+    """Return where joints (k, n) rest or reverse nearby, from q'(s) at points of a path."""
+    sign = np.where(q1 < 0.0, -1.0, 1.0)
+    found, turning = np.abs(q1) <= 1e-9 * np.abs(q1).max(initial=0.0), sign[1:] != sign[:-1]
+    found[1:] |= turning
+    found[:-1] |= turning
+    return np.asarray(found)
 
 
 def dynamic_share(value: Array, static: Array) -> Array:
