@@ -13,7 +13,7 @@ from optik.arm.robot import Robot
 from optik.errors import InvalidInput
 from optik.types import Array, Flags
 from planners.certificate.certificate import Certificate
-from planners.choice.programme import FreeProgramme, Statics, ToolCoordinates
+from planners.choice.programme import FreeProgramme, Statics, ToolCoordinates, is_known
 from planners.choice.solve import LEAST_P_DAMPING, FreeSolution, solve
 from planners.choice.vias import ViaLimits, pass_through
 from planners.following.joint_path import JointPath
@@ -148,7 +148,7 @@ class Choice:
         problem = free.problem(place)
         own, y = at.dual[:, 0] - at.dual[:, 1], np.zeros((free.K + 1, free.rows + 2 * problem.edge.shape[2]))
         own[0, :m], own[-1] = 0.0, 0.0  # not limited there
-        first, rows = counts[0] + counts[1], fixed.rows
+        first, rows = free.speeds, fixed.rows
         nodes, edges = own[:, :m], own[:, m:].reshape(len(own), 2, -1)
         second, third = (sum(names.values()) for names in rows.others)  # which the choice does not know
         nodes = np.delete(nodes, slice(counts[2], counts[2] + second), axis=1)
@@ -165,17 +165,19 @@ class Choice:
         """Add the multipliers of the greatest speeds to those of the joint or tool limit that bounds each."""
         free = self.programme
         counts, top = free.scales.counts, self.optimum.programme.problem.top
-        linear = np.abs(node[:, : counts[0], 2])
+        further = node[:, free.speeds - counts[7] : free.speeds, 2]
+        linear = np.abs(np.concatenate([node[:, : counts[0], 2], further], axis=1))
         begin = free.rows - int(counts[5] + counts[6]) - bin(counts[4]).count("1")
         square = np.sqrt(node[:, begin : begin + bin(counts[4]).count("1"), 1])
         active = np.concatenate([linear, square], axis=1).argmax(axis=1)
         for k in range(1, free.K):
             i = int(active[k])
             force = at.bound[k, 1] * top[k]
-            if i < counts[0]:
-                y[k, i] += force * np.sign(node[k, i, 2])
+            if i < linear.shape[1]:
+                row = i if i < counts[0] else free.speeds - linear.shape[1] + i
+                y[k, row] += force * np.sign(node[k, row, 2])
             else:
-                y[k, begin + i - int(counts[0])] += 0.5 * force
+                y[k, begin + i - linear.shape[1]] += 0.5 * force
 
     def solve(self) -> Iterator[FreeSolution]:
         """Yield the optima from the initial guesses."""
@@ -335,5 +337,5 @@ def report(
     gain = 1.0 - best.trajectory.duration / fixed
     most, off = path.most_deviation if isinstance(path, FreePath) else (np.nan, np.nan), best.certificate.path_error
     near = off.distance + most[0], off.angle + most[1]
-    unknown = tuple(best.certificate.extra)
+    unknown = tuple(name for name in best.certificate.extra if not is_known(name))
     return FreedomResult(fixed, gain, outcome, path.ranges, s, values, gradient, starts, steps, *near, unknown)

@@ -112,7 +112,7 @@ class Scales(NamedTuple):
     speed (K + 1, n) of q' v, acceleration (n,), jerk (n,), torque (L, K + 1, n), rate (L, n), viscous (L, n) [N·m·s/rad], tool
     (K + 1, 2) of squared speeds, range (n,) of q; peak (K + 1,) is the time after which the speed peaks, time (3,) the units
     of v, a and j. counts are the rows at a grid point: joint speeds, their peaks, accelerations, torques, a bit for each tool
-    speed, ranges, and static limits.
+    speed, ranges, static limits, and further speeds, whose rows follow the peaks.
     """
 
     speed: Array
@@ -129,16 +129,17 @@ class Scales(NamedTuple):
 
 
 class Local(NamedTuple):
-    """Derivatives at grid points; the last are empty if the coordinates are the joints themselves.
+    """Derivatives at grid points; those of joints are empty if the coordinates are the joints themselves.
 
-    Of torques (L, K + 1, 6, n, n, 4), the tool's twists (K + 1, 6) and their changes (K + 1, 6, n, 2), and the joints in the
-    coordinates (K + 1, 4, D, n).
+    Of torques (L, K + 1, 6, n, n, 4), the tool's twists (K + 1, 6) and their changes (K + 1, 6, n, 2), the joints in the
+    coordinates (K + 1, 4, D, n), and rows of further speeds (K + 1, c, n, 2).
     """
 
     torques: Array
     twist: Array
     tool: Array
     joints: Array
+    further: Array
 
 
 class Window(NamedTuple):
@@ -212,6 +213,15 @@ def _node(
             sums[1, j, 1] += y[k, row] * lead * scales.speed[k, j] * time[1]
             _spread(G, j, j + 1, to, local, window, out[row])
             row += 1
+    for i in range(counts[7]):
+        for j in range(n):
+            for m in range(2):
+                change = local.further[k, i, j, m]
+                G[j, m] = change * v
+                sums[0, j, m] += y[k, row] * change * time[0]
+        _spread(G, 0, n, to, local, window, out[row])
+        row += 1
+    G[:] = 0.0
     for j in range(counts[2]):
         f = scales.acceleration[j]
         G[j, 1], G[j, 2] = f * a, f * v * v

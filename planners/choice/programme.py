@@ -11,7 +11,7 @@ from optik.arm.robot import Robot
 from optik.types import Array, Flags, Indices
 from planners.choice.columns import Local, Scales, Window, fill, joint_changes, tool_changes, trace
 from planners.choice.torques import torque_changes
-from planners.limits import ALL_LIMITS, PathPoints
+from planners.limits import ALL_LIMITS, PathPoints, kind_of
 from planners.limits.base import middle_and_half, sides
 from planners.limits.kinds import torque_rate_rows, torque_rows
 from planners.limits.motion_limits import tool_limits_at
@@ -29,8 +29,16 @@ LEAST_RANGE = 1e-6
 
 NO_SPEED_LIMIT = 1e6
 """Bound on the speed in units of the problem: speeds have rows here, since the bound of all joints together has kinks."""
+DIFFERENCE = 1e-7
+"""Step of the differences of rows, relative to the largest joint value or derivative above 1."""
 SURE_DIRECTION = 0.2
 """Fraction of the largest |q'| of the initial path above which a joint's direction of motion is taken as given."""
+
+
+def is_known(limit: str) -> bool:
+    """Return whether the choice of a shape knows a further limit: one on the speed of a part of the arm."""
+    kind = kind_of(limit)
+    return kind.order == 1 and kind.subject is not None
 
 
 class ToolCoordinates(NamedTuple):
@@ -118,7 +126,8 @@ class FreeProgramme:
         self.robot, self.line = robot, LinePath(robot, given.joint_path.path, float(given.s[-1]))
         self.window = Window(basis.values, basis.first.astype(np.int64), np.ascontiguousarray(free))
         self.n, self.K, self.bounds = robot.n, given.s.size - 1, given.limits.bounds(robot.n)
-        # it has no columns for further limits: the timing of the chosen path respects them
+        # of further limits it has columns for speeds of bodies; the timing of the chosen path respects all of them
+        self.further = tuple(name for name in given.limits.extra or () if is_known(name))
         self.has = {name: bool(np.isfinite(self.bounds[name]).any()) for name in ALL_LIMITS}
         length, time = given.units
         self.v1, self.time = length / time, np.array([length / time, length / time**2, length / time**3])
@@ -131,6 +140,7 @@ class FreeProgramme:
         self.scales, self.offset, self.torque_offset = self._make_scales(given)
         counts = self.scales.counts
         self.rows = int(counts.sum() - counts[4] + bin(counts[4]).count("1"))
+        self.speeds = int(counts[0] + counts[1] + counts[7])
         self.least, self.top = SHORTEST_INTERVAL * given.problem.tau, np.full(K + 1, NO_SPEED_LIMIT)
 
     # ------------------------------------------------------------ configurations
@@ -179,10 +189,11 @@ class FreeProgramme:
         span = 2.0 / np.maximum(upper - lower, LEAST_RANGE)
         loaded = self.has["torque"] or self.has["torque_rate"]
         tools: Flags = np.asarray(np.isfinite(self.tool_limits).any(axis=0))
+        further = self._further(np.stack([given.joint_path(given.s, order) for order in range(4)])).shape[1]
         counts = [
             n * self.has["velocity"], n * (loaded and self.has["velocity"]), n * self.has["acceleration"],
             n * len(loads) * self.has["torque"], int(tools[0]) + 2 * int(tools[1]), n * int(ranged),
-            sum(one.count for one in self.statics),
+            sum(one.count for one in self.statics), further,
         ]  # fmt: skip
         peak = np.append(SPEED_PEAK * given.problem.tau * given.units[1], 0.0)
         viscous = np.array([load.viscous for load in loads]).reshape(-1, n)
@@ -191,6 +202,26 @@ class FreeProgramme:
             np.array(counts, np.int64),
         )  # fmt: skip
         return scales, middle / half, offset
+
+    def _further(self, path: Array) -> Array:
+        """Return the rows (K + 1, c) of further speeds over their limits, per unit of ṡ, for joints (4, K + 1, n)."""
+        at = PathPoints(self.line, self.s, (path[0], path[1], path[2], path[3]))
+        rows = [self.limits.rows(name, at)[..., 0] for name in self.further]
+        return np.concatenate(rows, axis=1) if rows else np.empty((self.K + 1, 0))
+
+    def _further_changes(self, path: Array) -> Array:
+        """Return the derivatives (K + 1, c, n, 2) of these rows in q and q', by differences."""
+        if not self.further:
+            return np.zeros((self.K + 1, 0, 0, 2))
+        here, beside = self._further(path), path.copy()
+        out = np.empty((*here.shape, self.n, 2))
+        for order in range(2):
+            h = DIFFERENCE * max(float(np.abs(path[order]).max()), 1.0)
+            for j in range(self.n):
+                beside[order, :, j] += h
+                out[:, :, j, order] = (self._further(beside) - here) / h
+                beside[order, :, j] = path[order, :, j]
+        return out
 
     def problem(self, place: ChoicePlace) -> Problem:
         """Return the problem whose rows are those of the joints' path."""
@@ -206,6 +237,9 @@ class FreeProgramme:
                 if part:
                     node[:, row : row + n, 0] = q1 * scales.speed * (scales.peak * a)[:, None]
                 row += n
+        if counts[7]:
+            node[:, row : row + counts[7], 2] = self._further(place.path) * v
+            row += counts[7]
         if counts[2]:
             at = node[:, row : row + n]
             at[..., 0], at[..., 1] = q1 * (scales.acceleration * a), q2 * (scales.acceleration * v * v)
@@ -262,7 +296,17 @@ class FreeProgramme:
         if scales.counts[4]:
             twist, tool = np.empty((K + 1, 6)), np.empty((K + 1, 6, n, 2))
             tool_changes(chain, place.path, twist, tool)
-        fill(z, y, scales, Local(torques, twist, tool, joints), self.window, self.D, border.columns, border.cross)
+        further = self._further_changes(place.path)
+        fill(
+            z,
+            y,
+            scales,
+            Local(torques, twist, tool, joints, further),
+            self.window,
+            self.D,
+            border.columns,
+            border.cross,
+        )
         row, bend = self.rows - sum(one.count for one in self.statics), 0
         for one in self.statics:
             rows, bends = slice(row, row + one.count), border.bends[:, bend : bend + one.bends]

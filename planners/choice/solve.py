@@ -123,7 +123,7 @@ def _slow_down(programme: FreeProgramme, problem: Problem, z: Array) -> Array:
     g, c = np.zeros((K, 3)), np.zeros((K + 1, m + 2 * e))
     iteration.values(problem, z, g, c)
     counts = programme.scales.counts
-    first = int(counts[0] + counts[1])
+    first = programme.speeds
     last = programme.rows - int(counts[5] + counts[6])
     static = problem.node[:, first:last, 3]
     room = np.maximum(1.0 - np.copysign(1.0, c[:, first:last]) * static, 1e-3)

@@ -94,8 +94,7 @@ class BodySpeed(Limit):
         """Return the rows at points of a joint path."""
         if not self.is_given(bound):
             return np.zeros((at.s.size, 1, 1))
-        speeds = self._speeds(at.joint_path.robot, at.q(0), at.q(1))
-        return np.asarray(speeds.max(axis=1)[:, None, None] / bound[0])
+        return np.asarray(self._speeds(at.joint_path.robot, at.q(0), at.q(1))[..., None] / bound[0])
 
     def piece_ratios(self, motion: LimitedMotion, bound: Array) -> Array:
         """Return the ratios on each piece of a motion, sampled."""
