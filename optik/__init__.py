@@ -4,7 +4,7 @@ from optik import errors as errors
 from optik import ik as ik
 from optik.arm.inertia import Inertia, Payload
 from optik.arm.library import load
-from optik.arm.limits import JointLimits
+from optik.arm.limits import JointLimits, VelocityByPosition
 from optik.arm.model import DHRow
 from optik.arm.robot import Robot
 from optik.arm.shapes import Shapes
@@ -28,6 +28,7 @@ __all__ = [
     "Shapes",
     "Task",
     "Tolerance",
+    "VelocityByPosition",
     "load",
     "robots",
     "solve_ik",

@@ -93,7 +93,10 @@ def read_limit(name: str, text: str) -> Any:
         if value.removeprefix("-") in ("x", "y", "z"):
             found[key] = value
         else:
-            numbers = [read_numbers(_in_units(word, units[key], where), where, 1, infinite=True)[0] for word in words]
+            numbers = [
+                read_numbers(_in_units(word, units[key], where), where, 1, what="number", infinite=True)[0]
+                for word in words
+            ]
             found[key] = numbers if len(numbers) > 1 else numbers[0]
     return kind.check(found)
 
@@ -104,7 +107,7 @@ def _in_units(text: str, unit: str, where: str) -> str:
         if text.endswith(suffix):
             if unit.split("/")[0] != of:
                 raise InvalidInput(where, repr(text), f"a number in {unit}, without {suffix}")
-            return repr(float(read_numbers(text.removesuffix(suffix), where, 1)[0] * factor))
+            return repr(float(read_numbers(text.removesuffix(suffix), where, 1, what="number")[0] * factor))
     return text
 
 

@@ -124,7 +124,13 @@ class VelocityByPosition:
         """
         if not isinstance(data, Mapping) or set(data) != {"offset", "deceleration"}:
             raise InvalidInput(where, repr(data)[:60], "a mapping with offset and deceleration")
-        return cls(data["offset"], np.array([float(x) for x in data["deceleration"]]))
+        try:
+            offset, deceleration = (
+                [float(x) for x in np.atleast_1d(data[name])] for name in ("offset", "deceleration")
+            )
+        except (TypeError, ValueError):
+            raise InvalidInput(where, repr(data)[:60], "offset and deceleration, a number for each joint") from None
+        return cls(np.array(offset), np.array(deceleration))
 
 
 @dataclass(frozen=True, eq=False)

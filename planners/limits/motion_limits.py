@@ -142,7 +142,7 @@ class MotionLimits:
         names = (*DERIVATIVES, *LOADED) if robot.inertia is not None else DERIVATIVES
         own = {name: getattr(robot.limits, name) for name in names} | _find_records(robot)
         values = own | {name: value for name, value in given.items() if name not in ("extra", "robot_values")}
-        extra = {name: values.pop(name) for name in [*values] if name not in ALL_LIMITS and name in limit_names()}
+        extra = {kind_of(name).name: values.pop(name) for name in [*values] if name not in ALL_LIMITS}
         return MotionLimits(**values, extra=extra | dict(given.get("extra") or {}), robot_values=own)
 
     @property

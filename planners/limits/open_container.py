@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
 from optik.check import check_number
+from optik.errors import InvalidInput
 from planners.limits._specific_force import TiltLimit
 from planners.limits.record import Record, check_axis, check_vector
 
@@ -32,7 +33,8 @@ class OpenContainer(Record):
     def __post_init__(self) -> None:
         expected = "an angle above 0 and below π/2 [rad]"
         object.__setattr__(self, "angle", check_number(self.angle, "open_container.angle", expected, above=0.0))
-        check_number(1.5707 - self.angle, "open_container.angle", expected, above=0.0)
+        if not self.angle < 1.5707:
+            raise InvalidInput("open_container.angle", f"{self.angle:.6g}", expected)
         object.__setattr__(self, "axis", check_axis(self.axis, "open_container.axis"))
         if self.com is not None:
             object.__setattr__(self, "com", check_vector(self.com, "open_container.com"))

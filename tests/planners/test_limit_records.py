@@ -13,7 +13,7 @@ import pytest
 
 import optik
 from optik.arm.limits import JointLimits, VelocityByPosition
-from optik.errors import InvalidInput
+from optik.errors import InvalidInput, UnknownName
 from optik.types import Array
 from planners import (
     AccelerationByVelocity,
@@ -311,3 +311,17 @@ def test_freedoms_of_an_arm_whose_speed_falls_towards_the_ends() -> None:
     goal[:3, 3] = [0.5, -0.4, 0.3]
     found = plan(robot, free(Line(robot.fk(q), goal), turn=True, tilt=0.3))
     assert found and found.certificate.worst("velocity_by_position")[0] <= 1.0
+
+
+def test_wrong_names_and_values_of_one_number_are_named() -> None:
+    with pytest.raises(UnknownName, match="did you mean grip"):
+        MotionLimits.of(arm(), gripp=1.0)
+    fr3 = optik.load("fr3")
+    short = MotionLimits.of(fr3, velocity_by_position={"offset": 0.1, "deceleration": 5.0})
+    q = fr3.limits.middle
+    with pytest.raises(InvalidInput, match="the 7 of fr3"):
+        plan(fr3, JointLine(fr3, q, q + 0.1), q, limits=short)
+    with pytest.raises(InvalidInput, match="a number for each joint"):
+        MotionLimits.of(fr3, velocity_by_position={"offset": "x", "deceleration": 5.0})
+    with pytest.raises(InvalidInput, match=r"below π/2 \[rad\]; got 2\.61799"):
+        OpenContainer(np.deg2rad(150.0))
