@@ -119,6 +119,11 @@ class TimeLaw(ABC):
         -------
         MotionAnalysis
             The motion of `run`.
+
+        Raises
+        ------
+        NoSolution
+            As `run`.
         """
         self.check(joint_path, limits)
         try:
