@@ -8,6 +8,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import scipy
 
 import optik
 from optik import Scene
@@ -71,9 +72,14 @@ def said(found: Any) -> str:
 
 
 def again(name: str, found: Any) -> float:
-    """The largest ratio of the member at 20 kHz by the figure's own formulas, 0 where there are none."""
-    if not found or name in MOTOR_LIMITS:
+    """The largest ratio of the member at 20 kHz by formulas of our own; 0 for torques of motors, which `motors` judges."""
+    if not found or name in ("motor_torque", "motor_torque_rate"):
         return 0.0
+    if name in MOTOR_LIMITS:
+        motion, order = found.trajectory, 1 + MOTOR_LIMITS.index(name)
+        own = scipy.interpolate.PPoly(motion.coefficients, motion.knots)(np.arange(0.0, motion.end, 5e-5), order)
+        most = getattr(found.robot.motors.limits, name.removeprefix("motor_"))
+        return float((np.abs(own @ np.linalg.inv(found.robot.motors.matrix).T) / most).max())
     value = limits.value_of(name, found.robot)
     return limits.dense(name, found.robot, value, found.trajectory)
 
