@@ -89,7 +89,7 @@ def check_words(value: Any, argument: str) -> tuple[str, ...]:
     """Check that a value is a sequence of strings; return it as a tuple."""
     if isinstance(value, str | bytes) or not isinstance(value, Iterable):
         raise InvalidInput(argument, repr(value)[:60], "a list of strings")
-    words = tuple(value)
+    words = tuple(np.atleast_1d(value).tolist()) if isinstance(value, np.ndarray) else tuple(value)
     for word in words:
         if not isinstance(word, str):
             raise InvalidInput(argument, repr(word)[:60], "strings")

@@ -52,6 +52,13 @@ class Motors:
 
     def __post_init__(self) -> None:
         n = self.limits.lower.size
+        for name in ("deceleration", "velocity_by_position"):
+            if getattr(self.limits, name) is not None:
+                raise InvalidInput(
+                    "motors.limits",
+                    name,
+                    f"limits of motors without it: set that of the axes by with_limits({name}=...)",
+                )
         matrix = freeze(real_array(self.matrix, "motors.matrix", f"{n} rows of {n} numbers"), "motors.matrix")
         if matrix.shape != (n, n) or not np.isfinite(matrix).all() or not np.linalg.cond(matrix) < WORST_CONDITION:
             raise InvalidInput(
@@ -88,7 +95,7 @@ class Motors:
         (..., n) array
             Motors [rad, m], or their derivatives.
         """
-        return np.asarray((np.asarray(q, dtype=np.float64) - (0.0 if order else self.offset)) @ self.inverse.T)
+        return np.asarray((self._read(q, "q") - (0.0 if order else self.offset)) @ self.inverse.T)
 
     def axes(self, m: ArrayLike, order: int = 0) -> Array:
         """Return the axes of motor positions, or their derivatives.
@@ -105,7 +112,12 @@ class Motors:
         (..., n) array
             Axes [rad, m], or their derivatives.
         """
-        return np.asarray(np.asarray(m, dtype=np.float64) @ self.matrix.T + (0.0 if order else self.offset))
+        return np.asarray(self._read(m, "m") @ self.matrix.T + (0.0 if order else self.offset))
+
+    def _read(self, values: ArrayLike, argument: str) -> Array:
+        """Return values (..., n) as an array."""
+        n = len(self.names)
+        return real_array(values, argument, f"values of {n} joints", (..., n))
 
     @property
     def content(self) -> bytes:

@@ -24,9 +24,12 @@ class Record:
     """Base of frozen dataclasses of numbers and tuples of numbers; each field's metadata has its ``unit``."""
 
     def to_plain(self) -> dict[str, Any]:
-        """Return plain data for files, without what is not given."""
+        """Return plain data for files, without what is not given; infinity as a string."""
         given = {name: value for name, value in asdict(self).items() if value is not None}  # type: ignore[call-overload]
-        return {name: list(value) if isinstance(value, tuple) else value for name, value in given.items()}
+        return {
+            name: [*map(_to_plain, value)] if isinstance(value, tuple) else _to_plain(value)
+            for name, value in given.items()
+        }
 
     @classmethod
     def from_plain(cls, data: Any, where: str) -> Self:
@@ -36,7 +39,19 @@ class Record:
             data = {next(iter(known)): data}
         required = tuple(name for name, needed in known.items() if needed)
         optional = tuple(name for name, needed in known.items() if not needed)
-        return cls(**read_record(data, required, where, optional=optional))
+        given = read_record(data, required, where, optional=optional)
+        return cls(**{name: _from_plain(value) for name, value in given.items()})
+
+
+def _to_plain(value: Any) -> Any:
+    return str(value) if isinstance(value, float) and np.isinf(value) else value
+
+
+def _from_plain(value: Any) -> Any:
+    """Return a value of a file, with infinity as a number."""
+    if isinstance(value, list):
+        return [_from_plain(x) for x in value]
+    return np.inf if isinstance(value, str) and value == "inf" else value
 
 
 def check_vector(value: Any, argument: str) -> tuple[float, float, float]:

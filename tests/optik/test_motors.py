@@ -169,3 +169,24 @@ def test_ranges_of_axes_follow_from_those_of_the_motors() -> None:
     assert robot.with_limits(velocity=1.0).limits.contains(robot.limits.middle)
     plain = robot.with_limits(robot.limits)
     assert plain == robot
+
+
+def test_limits_that_belong_to_axes_are_refused_for_motors_and_kept_for_axes() -> None:
+    fr3 = optik.load("fr3")
+    slowed = fr3.limits.velocity_by_position
+    with pytest.raises(InvalidInput, match=r"with_limits\(velocity_by_position="):
+        fr3.with_motors(np.eye(7))
+    with pytest.raises(InvalidInput, match=r"with_limits\(deceleration="):
+        arm().with_limits(deceleration=3.0).with_motors(np.eye(6))
+    coupled = fr3.with_limits(velocity_by_position=None).with_motors(np.eye(7))
+    assert coupled.with_limits(velocity_by_position=slowed).limits.velocity_by_position == slowed
+
+
+@pytest.mark.parametrize("wrong", [[1.0, 2.0, 3.0], 3.0, None, "x"])
+def test_values_of_another_number_of_joints_are_refused(wrong) -> None:
+    motors = arm().with_motors(wrist(), names=NAMES).motors
+    for convert in (motors.of, motors.axes):
+        with pytest.raises(InvalidInput, match="6 joints"):
+            convert(wrong)
+    with pytest.raises(InvalidInput, match="6 different names"):
+        arm().with_motors(wrist(), names=np.array("x"))

@@ -225,3 +225,27 @@ def test_a_new_target_keeps_the_limits_of_motors_or_names_one() -> None:
             assert (np.abs(new.trajectory(t, order) @ E.T) <= most * (1.0 + 1e-6)).all()
     assert joined >= 7
     assert all(any(name in reason for name in NAMES) for reason in kept)
+
+
+def test_a_goal_is_reached_in_the_winding_that_the_motors_reach() -> None:
+    """An axis without limits is not unwound if a motor that moves it has limits."""
+    plain = optik.load("ur5e")
+    lower, upper = plain.limits.lower.copy(), plain.limits.upper.copy()
+    lower[5], upper[5], lower[4], upper[4] = -np.inf, np.inf, -2.0, 2.0
+    limits = {"lower": lower, "upper": upper, "velocity": 2.0, "acceleration": 10.0, "jerk": 100.0}
+    for matrix, turns in ((MATRICES["differential wrist"], False), (MATRICES["joints 2 and 3"], True)):
+        robot = plain.with_limits(**limits).with_motors(matrix)
+        start, goal = (
+            robot.motors.axes([0.0, -1.3, 1.3, 0.0, 0.0, 0.0]),
+            robot.motors.axes([0.1, -1.2, 1.2, 0.1, 1.9, 6.0]),
+        )
+        found = plan(robot, goal, start)
+        assert found and (np.abs(found.trajectory(found.duration)[5] - goal[5]) > 6.0) == turns
+        exact = plan(robot, goal, start, winding="exact")
+        np.testing.assert_allclose(exact.trajectory(exact.duration), goal, atol=1e-9)
+
+
+@pytest.mark.parametrize("bound", [None, "x", [None], {}])
+def test_wrong_bounds_of_combinations_are_named(bound: object) -> None:
+    with pytest.raises(InvalidInput, match="a number above 0 for each row"):
+        MotionLimits.of(optik.load("ur5e"), motor_velocity={"matrix": [[0, 1, 1, 0, 0, 0]], "bound": bound})

@@ -325,3 +325,13 @@ def test_wrong_names_and_values_of_one_number_are_named() -> None:
         MotionLimits.of(fr3, velocity_by_position={"offset": "x", "deceleration": 5.0})
     with pytest.raises(InvalidInput, match=r"below π/2 \[rad\]; got 2\.61799"):
         OpenContainer(np.deg2rad(150.0))
+
+
+@pytest.mark.parametrize("suffix", ["json", "npz", "csv"])
+def test_a_plan_of_an_arm_that_brakes_harder_is_filed(suffix: str, tmp_path: Path) -> None:
+    robot = arm().with_limits(acceleration=5.0, jerk=50.0, deceleration=8.0)
+    found = plan(robot, BENT + 0.2, BENT)
+    save(found, tmp_path / f"a.{suffix}")
+    again = load_motion(tmp_path / f"a.{suffix}")
+    assert again.robot == robot and again.limits.extra == found.limits.extra
+    assert (again.trajectory.coefficients == found.trajectory.coefficients).all()
