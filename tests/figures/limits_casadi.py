@@ -30,7 +30,7 @@ def coupled(i: int) -> tuple[Robot, Any, Array]:
     rng, C = np.random.default_rng([i, 99]), np.eye(6)
     C[2, 1], C[4:, 4:] = -1.0, [[0.5, 0.5], [0.5, -0.5]]
     robot = optik.load("ur5e").with_limits(acceleration=10.0, jerk=100.0, torque=None).with_motors(C)
-    ends = rng.uniform(0.8 * robot.limits.lower, 0.8 * robot.limits.upper, (2, 6))
+    ends = 0.8 * robot.limits.sample(rng, 2)
     return robot, JointLine(robot, *ends), ends[0]
 
 

@@ -265,5 +265,5 @@ def test_the_robot_s_limits_with_changes_are_those_of_the_command_line() -> None
     np.testing.assert_array_equal(given.torque, own.torque)
     assert MotionLimits.of(panda, torque=None).torque is None
     assert MotionLimits(acceleration=5.0).torque is None
-    with pytest.raises(TypeError):
+    with pytest.raises(UnknownName, match="torque or torque_rate"):
         MotionLimits.of(panda, torques=1.0)
