@@ -129,17 +129,16 @@ class Scales(NamedTuple):
 
 
 class Local(NamedTuple):
-    """Derivatives at grid points; those of joints are empty if the coordinates are the joints themselves.
+    """Derivatives at grid points; the last are empty if the coordinates are the joints themselves.
 
-    Of torques (L, K + 1, 6, n, n, 4), the tool's twists (K + 1, 6) and their changes (K + 1, 6, n, 2), the joints in the
-    coordinates (K + 1, 4, D, n), and rows of further speeds (K + 1, c, n, 2).
+    Of torques (L, K + 1, 6, n, n, 4), the tool's twists (K + 1, 6) and their changes (K + 1, 6, n, 2), and the joints in the
+    coordinates (K + 1, 4, D, n).
     """
 
     torques: Array
     twist: Array
     tool: Array
     joints: Array
-    further: Array
 
 
 class Window(NamedTuple):
@@ -213,15 +212,7 @@ def _node(
             sums[1, j, 1] += y[k, row] * lead * scales.speed[k, j] * time[1]
             _spread(G, j, j + 1, to, local, window, out[row])
             row += 1
-    for i in range(counts[7]):
-        for j in range(n):
-            for m in range(2):
-                change = local.further[k, i, j, m]
-                G[j, m] = change * v
-                sums[0, j, m] += y[k, row] * change * time[0]
-        _spread(G, 0, n, to, local, window, out[row])
-        row += 1
-    G[:] = 0.0
+    row += counts[7]  # those of `fill_further`
     for j in range(counts[2]):
         f = scales.acceleration[j]
         G[j, 1], G[j, 2] = f * a, f * v * v
@@ -348,3 +339,27 @@ def fill(
             at = 3 + i if i < 2 else 2
             for c in range(W):
                 cross_sums[k, at, c] = part[c] + (cross_sums[k, 2, c] if i == 2 else 0.0)
+
+
+# More than 8 parameters: those of `fill`, and the derivatives (K + 1, c, n, 2) of the rows.
+@compiled
+def fill_further(
+    z: Array, y: Array, scales: Scales, local: Local, changes: Array, window: Window, D: int, columns: Array, cross_sums: Array
+) -> None:  # fmt: skip
+    """Write the columns of further speeds, and add to the cross derivatives that `fill` wrote."""
+    K, n, time, counts = z.shape[0] - 1, scales.jerk.shape[0], scales.time, scales.counts
+    G, X, work, part = np.zeros((n, 4)), np.zeros((n, 4)), np.empty((D, 4)), np.empty(columns.shape[2])
+    for k in range(K + 1):
+        to = ColumnTarget(k, D, window.first[k] * D, work)
+        X[:] = 0.0
+        for i in range(counts[7]):
+            row = counts[0] + counts[1] + i
+            for j in range(n):
+                for m in range(2):
+                    G[j, m] = changes[k, i, j, m] * z[k, 0] * time[0]
+                    X[j, m] += y[k, row] * changes[k, i, j, m] * time[0]
+            _spread(G, 0, n, to, local, window, columns[k, row])
+        if k < K:
+            _spread(X, 0, n, to, local, window, part)
+            for c in range(part.shape[0]):
+                cross_sums[k, 0, c] += part[c]

@@ -9,7 +9,7 @@ import numpy as np
 
 from optik.arm.robot import Robot
 from optik.types import Array, Flags, Indices
-from planners.choice.columns import Local, Scales, Window, fill, joint_changes, tool_changes, trace
+from planners.choice.columns import Local, Scales, Window, fill, fill_further, joint_changes, tool_changes, trace
 from planners.choice.torques import torque_changes
 from planners.limits import ALL_LIMITS, PathPoints, kind_of
 from planners.limits.base import middle_and_half, sides
@@ -211,8 +211,6 @@ class FreeProgramme:
 
     def _further_changes(self, path: Array) -> Array:
         """Return the derivatives (K + 1, c, n, 2) of these rows in q and q', by differences."""
-        if not self.further:
-            return np.zeros((self.K + 1, 0, 0, 2))
         here, beside = self._further(path), path.copy()
         out = np.empty((*here.shape, self.n, 2))
         for order in range(2):
@@ -296,17 +294,11 @@ class FreeProgramme:
         if scales.counts[4]:
             twist, tool = np.empty((K + 1, 6)), np.empty((K + 1, 6, n, 2))
             tool_changes(chain, place.path, twist, tool)
-        further = self._further_changes(place.path)
-        fill(
-            z,
-            y,
-            scales,
-            Local(torques, twist, tool, joints, further),
-            self.window,
-            self.D,
-            border.columns,
-            border.cross,
-        )
+        local = Local(torques, twist, tool, joints)
+        fill(z, y, scales, local, self.window, self.D, border.columns, border.cross)
+        if self.further:
+            changes = self._further_changes(place.path)
+            fill_further(z, y, scales, local, changes, self.window, self.D, border.columns, border.cross)
         row, bend = self.rows - sum(one.count for one in self.statics), 0
         for one in self.statics:
             rows, bends = slice(row, row + one.count), border.bends[:, bend : bend + one.bends]

@@ -72,7 +72,8 @@ class Sampler:
         limits = arm.limits
         self.arm, self._own, self._collision, self._discs = arm, own, collision, discs
         self.redundant = arm.n > 6
-        self._solver = make_solver(replace(arm, motors=None), "lm", max_restarts=2)  # `allows` knows them
+        single = arm if arm.motors is None else replace(arm, motors=None)  # `allows` knows the motors
+        self._solver = make_solver(single, "lm", max_restarts=2)
         poses = path.pose(SEED_STATIONS * path.end).round(6) + 0.0
         self.rng = np.random.default_rng([int(arm.fingerprint, 16), zlib.crc32(poses.tobytes())])
         self.circle: Flags = ~arm.prismatic & (limits.upper - limits.lower > CIRCLE_RANGE) & (own.motors is None)
