@@ -57,7 +57,7 @@ class Motors:
                 raise InvalidInput(
                     "motors.limits",
                     name,
-                    f"limits of motors without it: set that of the axes by with_limits({name}=...)",
+                    f"none, because it limits axes: call with_motors first, then with_limits({name}=...)",
                 )
         matrix = freeze(real_array(self.matrix, "motors.matrix", f"{n} rows of {n} numbers"), "motors.matrix")
         if matrix.shape != (n, n) or not np.isfinite(matrix).all() or not np.linalg.cond(matrix) < WORST_CONDITION:
@@ -236,6 +236,12 @@ def refuse_motors(arm: Any, format: str) -> None:
 def maker_names(robot: Any) -> tuple[str, ...]:
     """Return the names of the maker's joints: the motors', or the robot's."""
     return tuple(robot.joint_names if robot.motors is None else robot.motors.names)
+
+
+def maker_limits(robot: Any) -> JointLimits:
+    """Return the limits of the maker's joints: the motors', or the robot's."""
+    limits: JointLimits = robot.limits if robot.motors is None else robot.motors.limits
+    return limits
 
 
 def maker_joints(robot: Any, q: ArrayLike, order: int = 0) -> Array:

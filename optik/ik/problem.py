@@ -276,7 +276,7 @@ class IKBatch(NamedTuple):
 
 
 NONE = (-1, -1)
-"""No invalid target and no invalid initial guess."""
+"""Result of `find_first_invalid` if all targets and initial guesses are valid."""
 
 
 def check_problem(robot: Robot, target: ArrayLike, q0: ArrayLike) -> tuple[Array, Array]:

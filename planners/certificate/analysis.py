@@ -124,7 +124,7 @@ class MotionAnalysis(LimitedMotion):
     def prove_peaks(
         self, key: Hashable, evaluate: Evaluate, enclose: Enclose, excess: float, count: int = 1
     ) -> tuple[Array, Array]:
-        """Return proved bounds (count,) on ratios over the motion, within a fraction of the largest found, and their times."""
+        """Return proved upper bounds (count,) on peak / limit, a fraction `excess` above the largest found, and times [s]."""
         if key not in self.peaks:
             self.peaks[key] = peak.prove_peaks(self.bounds, evaluate, enclose, excess, count)
         return self.peaks[key]

@@ -18,7 +18,7 @@ PEAK_INTERVALS = 200_000
 def prove_peaks(
     motion: MotionBounds, evaluate: Evaluate, enclose: Enclose, excess: float, count: int
 ) -> tuple[Array, Array]:
-    """Return proved bounds (count,) on ratios to limits, at most a fraction `excess` above the largest found, and their times.
+    """Return proved upper bounds (count,) on peak / limit, at most a fraction `excess` above the largest found, and times [s].
 
     A ratio that is nowhere found above 1 is bounded until it is proved to be at most 1: a part of a valid motion is valid.
     """

@@ -10,7 +10,7 @@ from typing import Self
 import numpy as np
 
 import optik
-from optik.arm.motors import maker_names
+from optik.arm.motors import maker_limits, maker_names
 from optik.arm.reach import ask_unit, outside_reach
 from optik.arm.robot import Robot
 from optik.errors import NoSolution
@@ -132,7 +132,7 @@ def explain_end(robot: Robot, path: Path, reach: Array, ended: TrackEnd, q: Arra
     """Return the failure at the end of a branch, by its last valid configuration and the path just behind the end."""
     sigma, s, at = smallest_singular_value(robot, q), ended.s, format_position(path, ended.s)
     if ended.code == march.LIMIT:
-        i, limits = ended.joint, robot.limits if robot.motors is None else robot.motors.limits
+        i, limits = ended.joint, maker_limits(robot)
         name, low, high = maker_names(robot)[i], limits.lower[i], limits.upper[i]
         reason = f"{name} reaches the end of its range [{low:.6g}, {high:.6g}] {joint_unit(robot, i)} at {at}"
         return PlanFailure(FollowStatus.OUTSIDE_LIMITS, s, name, reason + _ask_unit(path, reach), "", sigma)

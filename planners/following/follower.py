@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from optik import newton
-from optik.arm.motors import maker_names
+from optik.arm.motors import maker_limits, maker_names
 from optik.arm.reach import reach_bound
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
@@ -138,7 +138,7 @@ class Follower:
         (s, i), failure, good = find_exit(robot, knots, q, dq), None, len(knots)
         if s <= path.end:
             good, name = int(np.searchsorted(knots, s)), maker_names(robot)[i]
-            limits = robot.limits if robot.motors is None else robot.motors.limits
+            limits = maker_limits(robot)
             low, high = limits.lower[i], limits.upper[i]
             span = f"[{low:.6g}, {high:.6g}] {joint_unit(robot, i)}"
             reason = f"{name} leaves its range {span} at {format_position(path, s)}"

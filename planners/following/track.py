@@ -8,7 +8,7 @@ import numpy as np
 
 from optik import newton
 from optik.arm.limits import LIMIT_TOLERANCE
-from optik.arm.motors import maker_joints
+from optik.arm.motors import maker_joints, maker_limits
 from optik.arm.robot import Robot
 from optik.ik import Tolerance
 from optik.types import Array
@@ -74,7 +74,7 @@ def track(
 
 def find_exit(robot: Robot, s: Array, q: Array, dq: Array) -> tuple[float, int]:
     """Return where the first joint, or motor, leaves its range between nodes, and which; infinity if none does."""
-    limits = robot.limits if robot.motors is None else robot.motors.limits
+    limits = maker_limits(robot)
     x, dx = maker_joints(robot, q), maker_joints(robot, dq, 1)
     lower, upper = limits.lower - LIMIT_TOLERANCE, limits.upper + LIMIT_TOLERANCE
     exits = [march.find_limit_exit(s, x, dx, lower, upper, i) for i in range(robot.n)]

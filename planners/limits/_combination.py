@@ -57,11 +57,6 @@ class Combination(Record):
         object.__setattr__(self, "bound", tuple(bound.tolist()))
         object.__setattr__(self, "names", names)
 
-    def to_plain(self) -> dict[str, Any]:
-        """Return plain data for files; infinite bounds as strings."""
-        bound = [x if np.isfinite(x) else str(x) for x in self.bound]
-        return {"matrix": [list(row) for row in self.matrix], "bound": bound, "names": list(self.names)}
-
 
 class CombinationLimit(RecordLimit):
     """|E q⁽ᵏ⁾| ≤ b: the rows are those of a derivative, times E, and E q(t) is a polynomial again with exact extrema."""

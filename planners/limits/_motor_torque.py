@@ -68,7 +68,7 @@ class MotorTorqueLimit(SampledLimit, CombinationLimit):
             )  # at rest either sign
         return np.asarray(np.abs(each).max(axis=0) / limits)
 
-    def sampled(self, motion: LimitedMotion, bound: Combination, c: float = 1.0) -> Array:
+    def sample_ratios(self, motion: LimitedMotion, bound: Combination, c: float = 1.0) -> Array:
         """Return the ratios (m, k, motors) of a motion stretched by c at sampled instants."""
         states, t = motion.states(PLACES[::2])
         states = states.reshape(-1, *states.shape[2:])[:, :4] * c ** -np.arange(4.0)[:, None]

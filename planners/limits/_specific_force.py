@@ -110,7 +110,7 @@ class SpecificForceLimit(SampledLimit):
         still, f, _ = self._force(motion.robot, bound, states.reshape(-1, *states.shape[2:]))
         return still.reshape(*t.shape, 3), f.reshape(*t.shape, 3)
 
-    def sampled(self, motion: LimitedMotion, bound: Any, c: float = 1.0) -> Array:
+    def sample_ratios(self, motion: LimitedMotion, bound: Any, c: float = 1.0) -> Array:
         """Return the ratios (m, k, 1) of a motion stretched by c at sampled instants."""
         still, f = self._sample(motion, bound)
         given = (still + (f - still) / c**2).reshape(-1, 3)

@@ -112,7 +112,7 @@ class AccelerationByVelocityLimit(SampledLimit):
         v = states[:, :, 1]
         return np.where(v < 0.0, -1.0, 1.0) * states[:, :, 2], np.abs(v), t
 
-    def sampled(self, motion: LimitedMotion, bound: AccelerationByVelocity, c: float = 1.0) -> Array:
+    def sample_ratios(self, motion: LimitedMotion, bound: AccelerationByVelocity, c: float = 1.0) -> Array:
         """Return the ratios (m, k, n) of a motion stretched by c at sampled instants."""
         (A, D, beta), (y, w, _) = self._numbers(motion.robot, bound), self._parts(motion)
         return np.asarray(np.maximum((y / c**2 + beta * w / c) / A, -y / c**2 / D))

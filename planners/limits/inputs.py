@@ -122,7 +122,7 @@ class LimitedMotion(Protocol):
     def prove_peaks(
         self, key: Hashable, evaluate: Evaluate, enclose: Enclose, excess: float, count: int = 1
     ) -> tuple[Array, Array]:
-        """Return proved bounds (count,) on ratios over the motion, within a fraction of the largest found, and their times."""
+        """Return proved upper bounds (count,) on peak / limit, a fraction `excess` above the largest found, and times [s]."""
 
     def fourth_bounds(self, load: Load, D: Array) -> Array:
         """Return bounds (k, n) on the fourth derivatives of the joint torques from those of the joints (k, 6, n)."""

@@ -26,10 +26,7 @@ class Record:
     def to_plain(self) -> dict[str, Any]:
         """Return plain data for files, without what is not given; infinity as a string."""
         given = {name: value for name, value in asdict(self).items() if value is not None}  # type: ignore[call-overload]
-        return {
-            name: [*map(_to_plain, value)] if isinstance(value, tuple) else _to_plain(value)
-            for name, value in given.items()
-        }
+        return {name: _to_plain(value) for name, value in given.items()}
 
     @classmethod
     def from_plain(cls, data: Any, where: str) -> Self:
@@ -44,6 +41,9 @@ class Record:
 
 
 def _to_plain(value: Any) -> Any:
+    """Return a value for a file: lists, and infinity as a string."""
+    if isinstance(value, tuple):
+        return [*map(_to_plain, value)]
     return str(value) if isinstance(value, float) and np.isinf(value) else value
 
 
@@ -122,23 +122,23 @@ class SampledLimit(RecordLimit):
     """Base of a kind of limit whose ratios are sampled for the law and proved by `judge`."""
 
     @abstractmethod
-    def sampled(self, motion: LimitedMotion, bound: Any, c: float = 1.0) -> Array:
+    def sample_ratios(self, motion: LimitedMotion, bound: Any, c: float = 1.0) -> Array:
         """Return the ratios (m, k, r) of a motion stretched by c at sampled instants; at rest for an infinite c."""
 
     def piece_ratios(self, motion: LimitedMotion, bound: Any) -> Array:
         """Return the ratios on each piece of a motion, sampled."""
-        return np.asarray(self.sampled(motion, bound).max(axis=1))
+        return np.asarray(self.sample_ratios(motion, bound).max(axis=1))
 
     def excess(self, motion: LimitedMotion, bound: Any) -> Array:
         """Return the dynamic share of each row."""
-        return dynamic_share(self.sampled(motion, bound), self.sampled(motion, bound, np.inf))
+        return dynamic_share(self.sample_ratios(motion, bound), self.sample_ratios(motion, bound, np.inf))
 
     def stretch_factor(self, motion: LimitedMotion, bound: Any) -> float:
         """Return the least factor of time at which the sampled ratio, times what the proof adds, is at most 1."""
         proved = float(np.nanmax(self.judge(motion, bound).ratio))
 
         def ratio(c: float) -> float:
-            return float(self.sampled(motion, bound, c).max())
+            return float(self.sample_ratios(motion, bound, c).max())
 
         over = max(proved / max(ratio(1.0), 1e-300), 1.0)
         if not np.isfinite(proved) or ratio(np.inf) * over > 1.0:

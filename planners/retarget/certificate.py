@@ -65,7 +65,7 @@ class StreamCertificate:
 
     @cached_property
     def violations(self) -> tuple[Violation, ...]:
-        """The violations, the largest of a limit first after those of positions; empty if the certificate is valid."""
+        """The violations: first those of positions, then those of limits, the largest first; empty if there is none."""
         found = find_position_violations(self.position_margin, self.joint_names, self.t_position_margin)
         for name, peak in sorted(self.peaks.items(), key=lambda item: -np.nanmax(item[1].ratio, initial=0.0)):
             if not np.any(peak.ratio > 1.0):

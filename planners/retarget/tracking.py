@@ -13,7 +13,7 @@ TIGHT = 0.03
 """Fraction of the range of velocities: if the velocity after the acceleration is ended comes nearer to its limit than this, the
 acceleration is ended first, in a piece of its own."""
 BEYOND = 1e-6
-"""Excess over the limit of the acceleration at a start that is rounding, as a fraction of it."""
+"""Relative excess of the initial acceleration over its limit that counts as rounding."""
 CUT = (2.0 * np.pi * 40.0) ** -6
 """Weight of the squared jerk: the tracking follows targets of up to 40 Hz [s⁶]."""
 HOLD = 2.0

@@ -46,11 +46,13 @@ class RRTConnect(Search):
             count = min(most, MOST_RESTART, self.max_samples - used)
             attempt += 1
             samples = np.random.default_rng((*seed, attempt)).uniform(ranges[0], ranges[1], (count, len(start)))
-            samples = samples if space.robot.motors is None else space.robot.limits.clip(samples)
+            local = attempt > 1
+            if space.robot.motors is not None:  # whose range is convex: edges between samples of it stay inside
+                samples, local = space.robot.limits.clip(samples), False
             room = NODES_OF_A_SAMPLE * count + len(goals) + 2
             trees = np.empty((2, room, len(start))), np.full((2, room), -1), np.array([1, len(goals)])
             trees[0][0, 0], trees[0][1, : len(goals)] = start, goals
-            done, first, last = connect(space.body, trees, samples, ranges, attempt > 1, self.step, space.work)
+            done, first, last = connect(space.body, trees, samples, ranges, local, self.step, space.work)
             used += done
             if first >= 0:
                 return SearchAttempt(trace(trees, first, last), used)

@@ -27,7 +27,7 @@ SUITE: dict[str, Any] = {
             "rounds": 1,
             "samples": 51,
             "lines": [{"robot": "ur5e", "kind": "joints", "count": 1}],
-            "limits": [BOX, BOX | {"body_speed": 0.3, "suction": {"friction": 0.5, "force": 80.0, "mass": 1.0}}],
+            "limits": [BOX | {"body_speed": 0.3, "suction": {"friction": 0.5, "force": 80.0, "mass": 1.0}}, BOX],
             "laws": [{"law": "optimal"}, {"law": "optimal", "label": "blind", "without": ["body_speed"]}],
         }
     ],
@@ -48,9 +48,9 @@ def test_a_further_limit_that_is_exceeded_counts() -> None:
 def test_keys_are_explained_and_reports_name_the_limits(tmp_path: Path) -> None:
     suite = suite_of("further", SUITE)
     said = {row.key: row for row in explain(suite, tmp_path)}
-    assert said["timing.laws.limits[1].body_speed"].unit == "m/s"
-    assert "capsules" in said["timing.laws.limits[1].body_speed"].meaning
-    assert "timing.laws.limits[1].suction" in said
+    assert said["timing.laws.limits[0].body_speed"].unit == "m/s"
+    assert "capsules" in said["timing.laws.limits[0].body_speed"].meaning
+    assert "timing.laws.limits[0].suction" in said
     run = run_suite(suite, tmp_path / "run", workers=1)
     text = write_report(run).read_text(encoding="utf-8")
     assert "body speed 0.3 m/s; suction friction 0.5, force 80.0, mass 1.0" in text
@@ -77,3 +77,13 @@ def test_limits_of_the_robot_fall_towards_the_ends_and_a_law_without_them_is_see
     assert exceeded
     with pytest.raises(InvalidInput, match="a robot whose file states"):
         block.limits[0].of(optik.load("ur5e"))
+
+
+def test_a_limit_that_is_exceeded_at_rest_is_not_called_a_jerk(tmp_path: Path) -> None:
+    tilted = BOX | {"open_container": {"angle": 0.02, "axis": "x"}}
+    block = SUITE["timing"][0] | {"limits": [tilted], "laws": [{"law": "quintic"}, {"law": "optimal"}]}
+    text = write_report(
+        run_suite(suite_of("tilted", SUITE | {"timing": [block]}), tmp_path / "run", workers=1)
+    ).read_text()
+    assert "quintic: a limit is exceeded at rest in 1 motion; no time scaling meets it" in text
+    assert "optimal: no motion on 1 (the open container is tilted by" in text and "jerk unbounded" not in text

@@ -32,6 +32,7 @@ from planners import (
 )
 from planners.files.base import from_plain, to_plain
 from planners.limits._combination import Combination
+from planners.search.rrt_connect import RRTConnect
 from tests.optik.test_motors import MATRICES, NAMES
 
 BENT = np.array([0.3, -0.5, 0.6, -0.4, 0.5, 0.2])
@@ -249,3 +250,18 @@ def test_a_goal_is_reached_in_the_winding_that_the_motors_reach() -> None:
 def test_wrong_bounds_of_combinations_are_named(bound: object) -> None:
     with pytest.raises(InvalidInput, match="a number above 0 for each row"):
         MotionLimits.of(optik.load("ur5e"), motor_velocity={"matrix": [[0, 1, 1, 0, 0, 0]], "bound": bound})
+
+
+def test_searches_that_begin_anew_stay_inside_the_ranges_of_the_motors() -> None:
+    robot, rng, found = optik.load("ur5e").with_motors(MATRICES["random"], names=NAMES), np.random.default_rng(1), 0
+    for _ in range(25):
+        first, last = robot.limits.sample(rng, 2)
+        balls = [(rng.uniform((-0.6, -0.6, -0.2), (0.6, 0.6, 1.0)), 0.12) for _ in range(6)]
+        search = RRTConnect(max_samples=3000, restart=20)
+        try:
+            ways = find_path(robot, first, last, scene=Scene(spheres=balls), search=search)
+        except NoSolution:  # an end in contact
+            continue
+        found += len(ways.paths)
+        assert all(robot.limits.contains(way).all() for way in ways.paths)
+    assert found

@@ -32,7 +32,7 @@ from benchmarks.report.figures import (
 from benchmarks.report.numbers import quoted
 from benchmarks.report.timing.tables import limited
 from optik.registry import short_name
-from planners.limits import ALL_LIMITS, LOADED
+from planners.limits import LOADED, limit_names
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -43,14 +43,14 @@ ACTIVE = 0.99
 LIMIT_COLOURS = {
     "velocity": 0, "acceleration": 1, "jerk": 2, "tool_speed": 3, "rotation_speed": 4, "torque": 5, "torque_rate": 6,
 }  # fmt: skip
-"""Number of the colour of each limit."""
+"""Number of the colour of each limit; further limits have the next one."""
 
 
 def active_plot(name: str, near: pl.DataFrame, laws: Sequence[str], scale: float, unit: str) -> Figure:
     """Return a plot of the active limits along the path, with one row for each joint and limit."""
     rows = sorted(
         {(joint, limit) for joint, limit in near.select("joint", "limit").iter_rows()},
-        key=lambda row: (ALL_LIMITS.index(row[1]), row[0]),
+        key=lambda row: (limit_names().index(row[1]), row[0]),
     )
     names = [f"{joint} {limit.replace('_', ' ')}" for joint, limit in rows]
     across = axis("", type="category", categoryorder="array", categoryarray=names[::-1], range=[-0.6, len(names) - 0.4])
@@ -71,7 +71,7 @@ def active_plot(name: str, near: pl.DataFrame, laws: Sequence[str], scale: float
 
 def limit_colour(limit: str) -> str:
     """Return the colour of a limit."""
-    return colour(LIMIT_COLOURS[limit])
+    return colour(LIMIT_COLOURS.get(limit, len(LIMIT_COLOURS)))
 
 
 EVERY = "every path"

@@ -14,6 +14,7 @@ from benchmarks.blocks.timing.rows import NEARLY, ON_PATH_M, in_group
 from benchmarks.records import slug
 from benchmarks.report.tables import Cell, Column, Group, Table, table_of
 from benchmarks.report.timing.line import law_table
+from optik.check import format_count
 from optik.types import Array
 from planners.limits import DERIVATIVES
 
@@ -32,7 +33,7 @@ LAW_COLUMN = Column("label", "Law", show="text")
 
 
 def limited(rows: pl.DataFrame) -> list[str]:
-    """Return the limits that some motion has: those on torque, and further ones, only if they were requested."""
+    """Return the limits of some motion; those on torque, and further ones, only if they were requested."""
     return [field for field in (*JOINT_LIMITS, "further") if field in DERIVATIVES or rows[field].is_not_null().any()]
 
 
@@ -131,8 +132,12 @@ def _note(b: BlockRows, rows: pl.DataFrame) -> str:
             sentences.append(f"{label}: {about['absent']}.")
         elif len(own) and not own["follows"].all():
             sentences.append(f"{label}: {int((~own['follows']).sum()):,} motions leave the path or do not cover it.")
-        if len(own) and (unbounded := int(own["least_duration"].is_infinite().fill_null(value=False).sum())):
+        endless = own.filter(pl.col("least_duration").is_infinite())
+        if unbounded := len(endless.filter(pl.any_horizontal(pl.col(DERIVATIVES).is_infinite()))):
             sentences.append(f"{label}: jerk unbounded in {unbounded:,} motions; no time scaling meets a jerk limit.")
+        if beyond := len(endless) - unbounded:
+            count = format_count(beyond, "motion")
+            sentences.append(f"{label}: a limit is exceeded at rest in {count}; no time scaling meets it.")
         failed = rows.filter((pl.col("method") == label) & ~pl.col("solved"))
         if len(failed):
             sentences.append(f"{label}: no motion on {len(failed):,} ({failed['reason'][0]}).")
