@@ -57,7 +57,7 @@ def _sample_tool(robot: Robot, trajectory: Trajectory, allowed: Array) -> tuple[
     knots, turning = trajectory.knots, ~robot.prismatic
     links = np.linalg.norm([*robot.fixed[:, :3, 3], robot.tool[:3, 3]], axis=1).sum()
     # Distance of the tool from every joint; a derivative of q_i moves it by at most this, or by 1 if the joint slides.
-    arm = np.where(turning, links + np.abs(trajectory(knots)[:, ~turning]).sum(axis=1).max(initial=0.0), 1.0)
+    arm = np.where(turning, links + trajectory.extrema(0).worst[~turning].sum(), 1.0)
     rate, second = (trajectory.piece_worst(order) for order in (1, 2))
     spin = rate[:, turning].sum(axis=1)
     bend = np.stack([second @ arm + 2.0 * spin * (rate @ arm), second[:, turning].sum(axis=1) + 2.0 * spin**2], axis=1)
@@ -91,7 +91,7 @@ def _search(tool: Array, edges: Array, allowed: Array, rotation: bool = False) -
     def fails(factor: float) -> int:
         return int(_follow(tool, edges, (np.where(scale > 0.0, factor, 1.0) * allowed) ** 2))
 
-    low, high, worst = 0.0, 1.0, fails(0.0)
+    low, high, worst = 0.0, 1.0, min(fails(0.0), len(tool) - 1)  # an arm that only slides may never fail
     while (at := fails(high)) < len(tool) and high < 1e12:
         low, high, worst = high, 4.0 * high, at
     while high - low > GAP * high and high > GAP:

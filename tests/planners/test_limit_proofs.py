@@ -1,4 +1,4 @@
-"""Proofs of limits on coarse pieces, never divided, where what the proof adds to samples decides; and each term of what it adds."""
+"""Proofs of limits on coarse pieces, never divided, where what a proof adds to samples decides; and each term that it adds."""
 
 from __future__ import annotations
 
