@@ -1,0 +1,161 @@
+"""Kernels of streams, small enough for plain Python: pace, tracking and phases against plain evaluations."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from planners import MotionLimits
+from planners.retarget.cubics import JointCubics
+from planners.retarget.pace import ACCELERATION_PART, VELOCITY_PART, joint_rows, smooth_pace, sweep
+from planners.retarget.tracking import CUT, track
+from planners.retarget.transfer import Transfer, join
+from planners.trajectory import Trajectory
+from planners.trajectory.curve import quintic_through
+from tests.planners.test_stream_certificate import bare, certify
+
+
+def test_rows_and_largest_paces_are_those_of_the_lesser_sides() -> None:
+    rng, k, n = np.random.default_rng(1), 40, 3
+    R = rng.normal(size=(k, 4, n)) * 10.0 ** rng.uniform(-1.0, 1.0, (k, 4, n))
+    limits = np.sort(rng.uniform(0.5, 3.0, (n, 4, 2)) * [-1.0, 1.0], axis=2)
+    rows, cap = np.empty((k, n, 4)), np.empty(k)
+    joint_rows(R, limits, 1.3, rows, cap)
+    least = np.minimum(limits[:, :, 1], -limits[:, :, 0])
+    wanted = np.minimum((VELOCITY_PART * least[:, 1] / R[:, 1]) ** 2, (least[:, 3] / np.abs(R[:, 3])) ** (2.0 / 3.0))
+    np.testing.assert_allclose(cap, np.minimum(wanted.min(axis=1), 1.3**2), rtol=1e-12)
+    assert len(np.unique(cap)) > k // 2
+    a, x = rng.normal(size=(2, k, 1))
+    value = R[:, 1] * a + R[:, 2] * x**2  # accelerations, over what is used of their range around its middle
+    half, middle = 0.5 * (limits[:, 2, 1] - limits[:, 2, 0]), 0.5 * (limits[:, 2, 1] + limits[:, 2, 0])
+    found = rows[..., 0] * a + rows[..., 1] * x**2 + rows[..., 2] * np.abs(x) + rows[..., 3]
+    np.testing.assert_allclose(found, (value - middle) / (ACCELERATION_PART * half), rtol=1e-12)
+
+
+def test_a_sweep_is_as_fast_as_its_rows_allow_and_ends_at_rest() -> None:
+    """Against sweeps in small steps, of rows that differ from place to place."""
+    rng, k = np.random.default_rng(2), 200
+    s, cap = np.linspace(0.0, 3.0, k), rng.uniform(0.5, 2.0, 200)
+    rows = np.zeros((k, 2, 4))
+    rows[:, 0, 0], rows[:, 1, 0] = 1.0 / rng.uniform(0.5, 1.5, k), -1.0 / rng.uniform(0.5, 1.5, k)
+    rows[:, :, 1], rows[:, :, 3] = 0.1 * rng.normal(size=(k, 2)), 0.2 * rng.normal(size=(k, 2))
+    x, t = np.empty(k), np.empty(k)
+    sweep(s, rows, cap, 1e-9, 0.0, x, t)
+    step = 2.0 * np.diff(s)
+    rate = np.diff(x) / step
+    value = rows[:-1, :, 0] * rate[:, None] + rows[:-1, :, 1] * x[:-1, None] + rows[:-1, :, 3]
+    assert x[-1] == 0.0 and (x <= cap + 1e-12).all() and (np.abs(value) <= 1.0 + 1e-5).all()
+    at_cap, at_row = np.abs(x - cap) < 1e-5, np.append((np.abs(value) > 1.0 - 1e-4).any(axis=1), True)
+    assert (at_cap | at_row | np.append(at_cap[1:], True)).mean() > 0.9
+    np.testing.assert_allclose(np.diff(t), step / (np.sqrt(x[:-1]) + np.sqrt(x[1:])), rtol=1e-9)
+
+
+def test_a_smoothed_pace_is_the_mean_of_a_centred_window() -> None:
+    rng, width, first = np.random.default_rng(3), 0.4, 0.7
+    t, s = (
+        np.append(0.0, np.cumsum(rng.uniform(0.01, 0.2, 30))),
+        np.append(0.2, 0.2 + np.cumsum(rng.uniform(0.0, 0.3, 30))),
+    )
+    when, out = np.linspace(0.0, t[-1] + 0.5, 40), np.empty(40)
+    smooth_pace(s, t, first, width, when, out)
+    u = (np.arange(20_000) + 0.5) / 20_000 - 0.5
+    for at, found in zip(when, out, strict=True):
+        x = at + width * u
+        mean = np.where(x < 0.0, s[0] + first * x, np.interp(x, t, s)).mean()
+        assert found == pytest.approx(min(mean, s[-1]), abs=1e-5)
+    assert out[-1] == s[-1]
+
+
+LIMITS = MotionLimits(velocity=(-1.5, 1.2), acceleration=(-6.0, 8.0), jerk=90.0)
+
+
+def box(most: float) -> np.ndarray:
+    """Limits (3, 4, 2) of position to jerk."""
+    sides = [[-most, 0.8 * most], [-1.5, 1.2], [-6.0, 8.0], [-90.0, 90.0]]
+    return np.tile(np.array(sides), (3, 1, 1))
+
+
+@pytest.mark.parametrize("speed", [0.8, 1e-3, 1e-7, 0.0])
+@pytest.mark.parametrize("jerk", [9.0, -0.5, 0.0])
+def test_targets_are_tracked_within_the_limits_from_any_state(speed: float, jerk: float) -> None:
+    """From fast states and from those just after a start, with an acceleration that begins."""
+    rng = np.random.default_rng(5)
+    state = np.stack([rng.normal(size=3), speed * rng.normal(size=3), jerk * rng.uniform(0.3, 0.6, 3)])
+    when = np.arange(0.0, 1.2, 0.02)
+    target = state[0] + 0.25 * np.sin(1.2 * when[:, None] * [1.0, 0.5, -0.8]) ** 2
+    failed, knots, count, c = track(state, box(9.0), when, target, 0.04)
+    assert failed < 0
+    curve = JointCubics(knots, count, c)
+    proof = certify(curve, state, LIMITS, bare(3, 9.0))
+    assert proof.is_valid, proof.reasons
+    assert 1.2 <= curve.end <= 2.6
+    off = np.abs(curve.trajectory(when) - target)
+    assert off[when > 0.7].max() < 0.02 if speed < 0.5 else off[-1].max() < 0.05
+    np.testing.assert_allclose(curve.trajectory(curve.end), target[-1], atol=5e-3)
+
+
+def test_tracking_in_the_middle_of_the_limits_is_the_least_of_its_objective() -> None:
+    """Without a limit that binds, no small change of the motion's jerks makes the weighted distance and jerk less."""
+    rng, state, when = np.random.default_rng(6), np.zeros((3, 3)), np.arange(0.0, 1.0, 0.02)
+    target = 0.02 * np.sin(2.0 * when[:, None] * [1.0, 1.4, 0.7]) ** 3
+    wide = np.tile(np.array([[-9.0, 9.0], [-90.0, 90.0], [-900.0, 900.0], [-9e4, 9e4]]), (3, 1, 1))
+    _, knots, count, c = track(state, wide, when, target, 0.04)
+    for j in range(3):
+        x, N = knots[j, : count[j]], count[j] - 1
+        t, late = np.append(when, x[x > when[-1] + 0.01]), x[x > when[-1] + 0.01].size
+        w = np.append(np.full(when.size, 0.02), np.full(late, 2.0 * 0.04))
+        wanted = np.append(target[:, j], np.full(late, target[-1, j]))
+
+        def cost(
+            jerk: np.ndarray, x: np.ndarray = x, t: np.ndarray = t, w: np.ndarray = w, y: np.ndarray = wanted
+        ) -> float:
+            h = np.diff(x)
+            a = np.append(0.0, np.cumsum(jerk * h))
+            v = np.append(0.0, np.cumsum(h * (a[:-1] + 0.5 * h * jerk)))
+            q = np.append(0.0, np.cumsum(h * (v[:-1] + h * (0.5 * a[:-1] + h * jerk / 6.0))))
+            i = np.clip(np.searchsorted(x, t, side="right") - 1, 0, h.size - 1)
+            u = t - x[i]
+            at = q[i] + u * (v[i] + u * (0.5 * a[i] + u * jerk[i] / 6.0))
+            return float(0.5 * (w * (at - y) ** 2)[t > 0.0].sum() + 0.5 * CUT * (h * jerk**2).sum())
+
+        jerk, h = 6.0 * c[j, 0, :N], np.diff(x)
+        left = x[-1] - x[1:]
+        R = np.stack([0.5 * h * h + left * h, h])  # of the jerks on the last velocity and acceleration: 0
+        base = cost(jerk)
+        for _ in range(10):
+            step = rng.normal(size=N)
+            step -= np.linalg.pinv(R) @ (R @ step)
+            d = 1e-2 * np.abs(jerk).max() * step / np.abs(step).max()
+            up, down = cost(jerk + d), cost(jerk - d)
+            bend = 0.5 * (up + down) - base
+            assert bend > 0.0 and abs(up - down) <= 0.2 * np.sqrt(base * bend) + 1e-3 * bend
+
+
+def test_phases_are_joined_exactly_and_a_plan_is_entered_without_a_step() -> None:
+    rng, transfer = np.random.default_rng(7), Transfer(box(9.0))
+    for k in range(6):
+        state = rng.normal(size=(3, 3)) * [[1.0], [0.5], [2.0]]
+        goal = np.zeros((3, 3))
+        goal[0] = rng.normal(size=3)
+        found = transfer.to_state(state, goal)
+        assert found is not None
+        proof = certify(found, state, LIMITS, bare(3, 9.0))
+        assert proof.is_valid, proof.reasons
+        np.testing.assert_allclose(found.trajectory(found.end), goal[0], atol=1e-12)
+        x = np.array([0.0, 0.7, 1.5])
+        other = Trajectory(
+            quintic_through(x, 0.3 * np.cumsum(rng.normal(size=(3, 3)), axis=0), np.zeros((3, 3)), np.zeros((3, 3)))
+        )
+        t = float(rng.uniform(0.05, 1.4))
+        there = np.stack([other(t, order) for order in range(3)])
+        entry = transfer.to_state(state, there)
+        if entry is None:
+            continue
+        whole = entry.onto(other, t, there)
+        assert certify(whole, state, MotionLimits(99.0, 999.0, 1e5), bare(3, 9.0)).discontinuity.max() < 1e-9
+        assert whole.end == pytest.approx(entry.end + other.end - t, abs=1e-12)
+        u = np.linspace(t, other.end, 9)
+        np.testing.assert_allclose(whole(np.minimum(entry.end + u - t, whole.end)), other(u), atol=1e-9), k
+    still = np.stack([np.ones(3), np.zeros(3), np.zeros(3)])
+    rest = join(still, still, np.zeros((3, 2)), np.zeros((3, 2)))
+    assert 0.0 < rest.end < 0.01 and (rest.trajectory(rest.end) == 1.0).all()
