@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.interpolate import BSpline
 
 from planners import MotionLimits
 from planners.retarget.cubics import JointCubics
+from planners.retarget.interior import make_factors, make_stencils
 from planners.retarget.pace import ACCELERATION_PART, VELOCITY_PART, joint_rows, smooth_pace, sweep
-from planners.retarget.tracking import CUT, track
+from planners.retarget.tracking import CUT, _list_instants, make_objective, track
 from planners.retarget.transfer import Transfer, join
 from planners.trajectory import Trajectory
 from planners.trajectory.curve import quintic_through
@@ -94,41 +96,50 @@ def test_targets_are_tracked_within_the_limits_from_any_state(speed: float, jerk
     np.testing.assert_allclose(curve.trajectory(curve.end), target[-1], atol=5e-3)
 
 
-def test_tracking_in_the_middle_of_the_limits_is_the_least_of_its_objective() -> None:
-    """Without a limit that binds, no small change of the motion's jerks makes the weighted distance and jerk less."""
-    rng, state, when = np.random.default_rng(6), np.zeros((3, 3)), np.arange(0.0, 1.0, 0.02)
-    target = 0.02 * np.sin(2.0 * when[:, None] * [1.0, 1.4, 0.7]) ** 3
-    wide = np.tile(np.array([[-9.0, 9.0], [-90.0, 90.0], [-900.0, 900.0], [-9e4, 9e4]]), (3, 1, 1))
-    _, knots, count, c = track(state, wide, when, target, 0.04)
-    for j in range(3):
-        x, N = knots[j, : count[j]], count[j] - 1
-        t, late = np.append(when, x[x > when[-1] + 0.01]), x[x > when[-1] + 0.01].size
-        w = np.append(np.full(when.size, 0.02), np.full(late, 2.0 * 0.04))
-        wanted = np.append(target[:, j], np.full(late, target[-1, j]))
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("case", ["velocity ahead", "velocity", "acceleration", "beyond rounding", "range"])
+def test_states_on_a_limit_are_left_within_the_limits(case: str, side: float) -> None:
+    """A velocity that is reached when the acceleration ends; the largest velocity; accelerations; a range to stop in."""
+    v, a, j = (1.2, 8.0, 90.0) if side > 0.0 else (-1.5, -6.0, -90.0)
+    states = {
+        "velocity ahead": (0.0, v - 0.5 * (0.8 * a) ** 2 / j, 0.8 * a), "velocity": (0.0, v, 0.0),
+        "acceleration": (0.0, 0.1 * v, a),
+        "beyond rounding": (0.0, 0.1 * v, a * (1.0 + 5e-7)),
+        "range": (9.0 * (0.8 if side > 0.0 else 1.0) * side - 0.4 * side, 0.5 * side, 0.0),
+    }  # fmt: skip
+    state = np.tile(np.array(states[case])[:, None], (1, 3)) * [1.0, 1.0, 0.0] + np.zeros((3, 3))
+    when = np.arange(0.0, 1.0, 0.02)
+    target = state[0] + 0.05 * side * when[:, None]
+    failed, knots, count, c = track(state, box(9.0), when, target, 0.04)
+    assert failed < 0
+    found = certify(JointCubics(knots, count, c), state, LIMITS, bare(3, 9.0))
+    assert found.is_valid or case == "beyond rounding", found.reasons
+    assert all("acceleration" in words and t < 1e-6 for words, t, *_ in found.violations)
 
-        def cost(
-            jerk: np.ndarray, x: np.ndarray = x, t: np.ndarray = t, w: np.ndarray = w, y: np.ndarray = wanted
-        ) -> float:
-            h = np.diff(x)
-            a = np.append(0.0, np.cumsum(jerk * h))
-            v = np.append(0.0, np.cumsum(h * (a[:-1] + 0.5 * h * jerk)))
-            q = np.append(0.0, np.cumsum(h * (v[:-1] + h * (0.5 * a[:-1] + h * jerk / 6.0))))
-            i = np.clip(np.searchsorted(x, t, side="right") - 1, 0, h.size - 1)
-            u = t - x[i]
-            at = q[i] + u * (v[i] + u * (0.5 * a[i] + u * jerk[i] / 6.0))
-            return float(0.5 * (w * (at - y) ** 2)[t > 0.0].sum() + 0.5 * CUT * (h * jerk**2).sum())
 
-        jerk, h = 6.0 * c[j, 0, :N], np.diff(x)
-        left = x[-1] - x[1:]
-        R = np.stack([0.5 * h * h + left * h, h])  # of the jerks on the last velocity and acceleration: 0
-        base = cost(jerk)
-        for _ in range(10):
-            step = rng.normal(size=N)
-            step -= np.linalg.pinv(R) @ (R @ step)
-            d = 1e-2 * np.abs(jerk).max() * step / np.abs(step).max()
-            up, down = cost(jerk + d), cost(jerk - d)
-            bend = 0.5 * (up + down) - base
-            assert bend > 0.0 and abs(up - down) <= 0.2 * np.sqrt(base * bend) + 1e-3 * bend
+def test_the_objective_is_the_weighted_distance_and_jerk_of_a_spline() -> None:
+    rng = np.random.default_rng(6)
+    for N in (6, 9):
+        T = np.append(0.1, 0.1 + np.cumsum(rng.uniform(0.02, 0.2, N)))
+        f, A, H = np.empty((3, N + 3)), np.empty((9, N + 3)), np.empty((4, N + 3))
+        make_factors(T, f), make_stencils(f, A)
+        when, k = np.append(0.05, rng.uniform(T[0], T[-1], 12)), 13
+        w, B, at = rng.uniform(0.5, 2.0, k), np.empty((k, 4)), np.empty(k, dtype=np.int64)
+        make_objective(T, when, 1e-9 * w, A, H, B, at)
+        spline = BSpline(np.concatenate([T[:1].repeat(3), T, T[-1:].repeat(3)]), np.eye(N + 3), 3)
+        basis, jerk = spline(when[1:]), spline(0.5 * (T[1:] + T[:-1]), 3)
+        full = 1e-9 * basis.T @ (w[1:, None] * basis) + CUT * jerk.T @ (np.diff(T)[:, None] * jerk)
+        for d in range(4):
+            np.testing.assert_allclose(H[d, d:], np.diag(full, -d), rtol=1e-7, atol=1e-9 * np.abs(full).max())
+        assert at[0] == -1
+
+
+def test_the_hold_after_the_last_target_counts_twice() -> None:
+    T, when = np.linspace(0.0, 1.0, 11), np.array([0.0, 0.1, 0.2, 0.31])
+    t, w = np.empty(20), np.empty(20)
+    k = _list_instants(T, when, 0.1, t, w)
+    np.testing.assert_allclose(t[:k], [*when, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0])
+    np.testing.assert_allclose(w[:k], [0.05] * 4 + [0.2] * 7)
 
 
 def test_phases_are_joined_exactly_and_a_plan_is_entered_without_a_step() -> None:
@@ -149,8 +160,7 @@ def test_phases_are_joined_exactly_and_a_plan_is_entered_without_a_step() -> Non
         t = float(rng.uniform(0.05, 1.4))
         there = np.stack([other(t, order) for order in range(3)])
         entry = transfer.to_state(state, there)
-        if entry is None:
-            continue
+        assert entry is not None
         whole = entry.onto(other, t, there)
         assert certify(whole, state, MotionLimits(99.0, 999.0, 1e5), bare(3, 9.0)).discontinuity.max() < 1e-9
         assert whole.end == pytest.approx(entry.end + other.end - t, abs=1e-12)
