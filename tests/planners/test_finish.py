@@ -59,7 +59,7 @@ def residual(motion: Trajectory, frequency: float) -> float:
 def test_a_quiet_motion_leaves_the_mode_at_rest() -> None:
     usual, quiet = planned(), planned(quiet=7.0)
     assert quiet and quiet.law == "optimal, quiet 7 Hz"
-    assert residual(quiet.trajectory, 7.0) < 0.02 * max(
+    assert residual(quiet.trajectory, 7.0) < 1e-9 * max(
         residual(usual.trajectory, f) for f in (6.0, 6.5, 7.0, 7.5, 8.0)
     )
     assert usual.duration < quiet.duration < usual.duration + 1.2 / 7.0
@@ -161,7 +161,7 @@ def test_every_stop_is_within_the_limits() -> None:
     time, distance = 0.75 * longest.time.max(), 0.8 * longest.distance.max()
     slower = free.slowed_to(stopping_time=time, stopping_distance=distance)
     assert slower and slower.stop_step is not None
-    for t in rng.uniform(1e-3, 0.99 * slower.duration, 40):
+    for t in rng.uniform(1e-3, 0.99 * slower.duration, 15):
         stop = replan(slower, float(t), stop=True, time_limit=0.0)
         assert stop and stop.duration <= time and stop.span[1] - stop.span[0] <= distance
     assert slower.duration < 1.5 * free.duration
@@ -174,7 +174,7 @@ def test_a_program_stops_within_the_limit() -> None:
     most = 0.8 * free.stopping.time.max()
     slower = free.slowed_to(stopping_time=most)
     assert isinstance(slower, ProgramPlan)
-    for t in rng.uniform(1e-3, 0.99 * slower.duration, 25):
+    for t in rng.uniform(1e-3, 0.99 * slower.duration, 10):
         try:
             stop = replan(slower, float(t), stop=True, time_limit=0.0)
         except InvalidInput:  # at rest between the parts

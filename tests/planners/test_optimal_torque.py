@@ -59,7 +59,7 @@ def joint_paths(robot: Robot, seed: int, *, lines: bool) -> Iterator[JointPath]:
         a, b = lower + (upper - lower) * rng.uniform(0.05, 0.95, (2, robot.n))
         start, along = robot.fk(a), rng.normal(size=3)
         goal = moved(start, along / np.linalg.norm(along) * rng.uniform(0.05, 0.4), 0.5 * rng.normal(size=3))
-        found = follow(solver, Line(start, goal) if lines else JointLine(robot, a, b), a)
+        found = follow(solver, Line(start, goal) if lines else JointLine(robot, a, b), a, resolve="local")
         if found and possible(found.joint_path) and (not lines or found.joint_path.singular_values.min() > 0.02):
             yield found.joint_path
 

@@ -258,6 +258,8 @@ OTHERS = [
     ),
     (2 * GOOD.replace("10]\n", "10]\nname = 'x'\n"), "name: expected a name for one part; got 'x' for two parts"),
     (GOOD + "[[event]]\n", "[[event]] 1: event: expected signal; and time_s"),
+    (GOOD + "[[event]]\n", "fraction or spacing_mm; got no keys"),
+    (GOOD + "[[event]]\nsignal = 'a'\npart = 1\n", "fraction or spacing_mm; got signal, part"),
     (GOOD + "[[event]]\nsignal = 'a'\n", "[[event]] 1: event: "),
     (GOOD + "[[event]]\nsignal = 3\ntime_s = 1\n", "[[event]] 1: signal: "),
     (

@@ -63,9 +63,12 @@ def test_a_certificate_prints_its_validity_and_every_peak(made: dict[str, planne
     assert f"peak / limit, velocity: {ratio:.3g} ({joint} at {t:.3g} s)" in lines
     low = planners.certify(ARM, None, made["solved"].trajectory, planners.MotionLimits(velocity=0.5))
     assert not low.is_valid
-    lines = short(str(low))
-    assert lines[0].startswith(f"certificate NOT valid: {low.reasons[0]}")
     assert "path error" not in str(low)
+    for fields, more in ((1, ""), (2, " (and 1 more violation)"), (3, " (and 2 more violations)")):
+        tight = dict(list({"velocity": 0.5, "acceleration": 0.1, "jerk": 0.1}.items())[:fields])
+        low = planners.certify(ARM, None, made["solved"].trajectory, planners.MotionLimits(**tight))
+        assert len(low.reasons) == fields
+        assert short(str(low))[0] == f"certificate NOT valid: {low.reasons[0]}{more}"
 
 
 def test_of_many_limits_those_with_the_largest_ratios_are_printed(
