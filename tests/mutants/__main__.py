@@ -24,7 +24,7 @@ from typing import Any
 
 from scipy.stats import binomtest
 
-from tests.mutants.changes import Change, named, scatter, spread
+from tests.mutants.changes import Change, list_files, named, scatter, spread
 from tests.mutants.listed import DRAWS, EQUIVALENT, INTERPRETED, LISTED, SCATTERED, find_tests
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -95,13 +95,17 @@ def judge(change: Change, pristine: Path) -> dict[str, Any]:
     return where | {"result": result, "seconds": round(seconds, 1), "said": said}
 
 
-def changes(which: str, root: Path = ROOT, seed: int | None = None) -> list[tuple[str, Change]]:
-    """The listed changes, and those of each draw; with a seed other ones are drawn."""
-    found = [("listed", named(root, *one)) for one in LISTED] if which in ("all", "listed") else []
+def changes(
+    which: str, root: Path = ROOT, seed: int | None = None, match: str = "", most: int | None = None
+) -> list[tuple[str, Change]]:
+    """The listed changes, and those of each draw; a seed, a number or an expression that files match draws other ones."""
+    found = [("listed", named(root, *one)) for one in LISTED if re.search(match, one[0])]
+    found = found[:most] if which in ("all", "listed") else []
     for draw, draws in ((spread, DRAWS), (scatter, SCATTERED)):
-        for name, (own, count, files) in draws.items():
-            if which in ("all", name):
-                found += [(name, one) for one in draw(root, files, count, own if seed is None else seed)]
+        for name, (own, count, names) in draws.items():
+            files = [file for file in list_files(root, names) if re.search(match, file)]
+            if which in ("all", name) and files:
+                found += [(name, one) for one in draw(root, files, most or count, own if seed is None else seed)]
     return found
 
 
@@ -133,17 +137,17 @@ def main() -> int:
     """Run what is not yet done, then report on everything."""
     parser = argparse.ArgumentParser(prog="python -m tests.mutants", description=__doc__.splitlines()[0])
     parser.add_argument("--which", choices=("all", "listed", *DRAWS, *SCATTERED), default="all")
-    parser.add_argument("--match", default="", help="only files whose name has a match of this regular expression")
+    parser.add_argument(
+        "--match", default="", help="draw only of files whose name has a match of this regular expression"
+    )
     parser.add_argument("--seed", type=int, default=None, help="draw other changes")
-    parser.add_argument("--most", type=int, default=None, help="so many changes at most")
+    parser.add_argument("--most", type=int, default=None, help="draw so many changes")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--out", type=Path, default=ROOT / ".mutants.jsonl", help="where results are kept")
     parser.add_argument("--again", action="store_true", help="run survivors once more, after tests were added")
     parser.add_argument("--list", action="store_true", help="show the changes and run nothing")
     given = parser.parse_args()
-    wanted = [(kind, c) for kind, c in changes(given.which, seed=given.seed) if re.search(given.match, c.file)][
-        : given.most
-    ]
+    wanted = changes(given.which, ROOT, given.seed, given.match, given.most)
     if given.list:
         for kind, c in wanted:
             print(f"{kind:7} {c.file}:{c.line}\n    - {c.lines()[0]}\n    + {c.lines()[1]}")

@@ -208,15 +208,20 @@ class _Reader(ast.NodeVisitor):
     visit_Break = visit_Continue
 
 
-def scatter(root: Path, names: tuple[str, ...], count: int, seed: int) -> list[Change]:
-    """So many changes of files and of the modules in folders, each place of all of them as likely as any other."""
-    files = [file for name in names for file in sorted((root / name).glob("*.py")) or [root / name]]
-    places = [place for file in files for place in sorted(list_places(root, file.relative_to(root).as_posix()).items())]
+def list_files(root: Path, names: tuple[str, ...]) -> list[str]:
+    """Files, and the modules in folders."""
+    found = [file for name in names for file in sorted((root / name).glob("*.py")) or [root / name]]
+    return list(dict.fromkeys(file.relative_to(root).as_posix() for file in found))
+
+
+def scatter(root: Path, files: list[str], count: int, seed: int) -> list[Change]:
+    """So many changes of files, each place of all of them as likely as any other."""
+    places = [place for file in files for place in sorted(list_places(root, file).items())]
     rng = random.Random(seed)
     return [rng.choice(found) for _, found in rng.sample(places, count)]
 
 
-def spread(root: Path, files: tuple[str, ...], count: int, seed: int) -> Iterator[Change]:
+def spread(root: Path, files: list[str], count: int, seed: int) -> Iterator[Change]:
     """So many changes in all, the same number of each file but for one."""
     share, more = divmod(count, len(files))
     for i, file in enumerate(files):

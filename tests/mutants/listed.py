@@ -6,9 +6,19 @@ Files may be renamed: bring `TESTS` and `LISTED` up to date, and a stale entry s
 from __future__ import annotations
 
 EDGES = "tests/planners/test_proof_edges.py"
+THRESHOLDS = f"{EDGES}::test_thresholds_are_those_that_are_stated"
 SEARCH_PROOFS = "tests/planners/test_search_proofs.py"
 PATH_BOUNDS = "tests/planners/test_path_bounds.py"
-INTERPRETED = (EDGES, SEARCH_PROOFS, PATH_BOUNDS)
+STREAM_PROOF = "tests/planners/test_stream_certificate.py"
+STREAM_KERNELS = "tests/planners/test_stream_kernels.py"
+RETARGET = "tests/planners/test_retarget.py"
+STREAM_SOLVERS = (
+    f"{RETARGET}::test_the_reference_is_the_penalised_spline_of_a_plain_solution",
+    f"{RETARGET}::test_jerks_are_corrected_by_the_least_amount_that_meets_the_goal",
+    f"{RETARGET}::test_a_sweep_reaches_the_rest_of_a_straight_line_in_its_least_time",
+    f"{RETARGET}::test_the_iteration_solves_the_quadratic_programme_of_scipy",
+)
+INTERPRETED = (EDGES, THRESHOLDS, SEARCH_PROOFS, PATH_BOUNDS, STREAM_PROOF, STREAM_KERNELS, *STREAM_SOLVERS)
 """Tests that are quick with kernels as plain Python: run so, as no changed kernel needs to be compiled for them."""
 
 PATHS = ("tests/planners/test_path_line.py", "tests/planners/test_path_arc.py", "tests/planners/test_path_polyline.py")
@@ -51,6 +61,10 @@ TORQUE = (
 )
 CONTACT = ("tests/planners/test_clearance.py", "tests/optik/test_distance.py")
 LIMITS = "tests/planners/test_motion_limits.py"
+LIMIT_ROWS = "tests/planners/test_limit_rows.py"
+LIMIT_PROOFS = "tests/planners/test_limit_proofs.py"
+RECORDS = "tests/planners/test_limit_records.py"
+COUPLED = "tests/planners/test_coupled_motors.py"
 SIDES = "tests/planners/test_limit_sides.py"
 SEGMENTS = "tests/planners/test_segment_speeds.py"
 FILES = (
@@ -76,6 +90,14 @@ REPLAN = (
 CLOUDS = "tests/planners/test_clouds.py"
 """Tests of point clouds."""
 SEARCH = ("tests/planners/test_search.py", CLOUDS)
+PROGRAM = (
+    "tests/planners/test_corner_nodes.py",
+    "tests/planners/test_program.py",
+    "tests/planners/test_program_events.py",
+    "tests/planners/test_program_file.py",
+)
+STREAMS = ("tests/planners/test_retarget_edges.py", RETARGET, "tests/planners/test_streams_on_drives.py")
+RESOLVE = ("tests/planners/test_resolve.py",)
 TESTS: dict[str, tuple[str, ...]] = {
     "planners/certificate/certificate.py": ("tests/planners/test_summary.py", *CERTIFICATE),
     "planners/certificate/clearance_search.py": (EDGES, *CONTACT, CLOUDS),
@@ -87,10 +109,39 @@ TESTS: dict[str, tuple[str, ...]] = {
     "planners/certificate/path_bounds.py": (PATH_BOUNDS, RETRACED, *CERTIFICATE),
     "planners/certificate/chord_search.py": (CERTIFICATE[4], *CERTIFICATE[1:4], CERTIFICATE[5]),
     "planners/certificate/bounds.py": CERTIFICATE,
+    "planners/certificate/frechet.py": (
+        THRESHOLDS,
+        "tests/planners/test_waypoint_error.py",
+        "tests/planners/test_waypoints.py",
+    ),
+    "planners/certificate/peak.py": (LIMIT_PROOFS, RECORDS),
+    "planners/certificate/sections.py": (THRESHOLDS, *PROGRAM[1:]),
     "planners/certificate/projection.py": (CERTIFICATE[4], RETRACED, *CERTIFICATE[1:4], CERTIFICATE[5]),
     "planners/certificate/certification.py": (RETRACED, *CERTIFICATE[1:], REPLAN[1]),
-    "planners/limits/base.py": (LIMITS, SIDES, *CERTIFICATE),
-    "planners/limits/kinds.py": (LIMITS, SIDES, SEGMENTS, *CERTIFICATE, *TORQUE[1:]),
+    "planners/limits/base.py": (LIMIT_ROWS, LIMITS, SIDES, *CERTIFICATE),
+    "planners/limits/kinds.py": (THRESHOLDS, LIMIT_ROWS, LIMITS, SIDES, SEGMENTS, *CERTIFICATE, *TORQUE[1:]),
+    "planners/limits/moveit.py": ("tests/optik/test_moveit.py", LIMITS),
+    "planners/limits/_motor_torque.py": (THRESHOLDS, LIMIT_ROWS, LIMIT_PROOFS, COUPLED),
+    "planners/limits/_combination.py": (LIMIT_ROWS, LIMIT_PROOFS, COUPLED),
+    "planners/limits/least_duration.py": ("tests/planners/test_plan.py",),
+    "planners/limits": (THRESHOLDS, LIMIT_ROWS, LIMIT_PROOFS, RECORDS),
+    "planners/retarget/certificate.py": (THRESHOLDS, STREAM_PROOF, *STREAMS),
+    "planners/retarget/cubics.py": (STREAM_PROOF, STREAM_KERNELS, *STREAM_SOLVERS, *STREAMS),
+    "planners/retarget/interior.py": (STREAM_KERNELS, *STREAM_SOLVERS, *STREAMS),
+    "planners/retarget/tracking.py": (STREAM_KERNELS, *STREAMS),
+    "planners/retarget/transfer.py": (STREAM_KERNELS, *STREAMS),
+    "planners/retarget/pace.py": (STREAM_KERNELS, *STREAM_SOLVERS[2:3], *STREAMS),
+    "planners/retarget/reference.py": (*STREAM_SOLVERS[:1], *STREAMS),
+    "planners/retarget": STREAMS,
+    "planners/retarget/controllers": ("tests/planners/test_controllers.py",),
+    "planners/program": PROGRAM,
+    "planners/program/corners.py": (THRESHOLDS, *PROGRAM),
+    "planners/program/events.py": PROGRAM[2:],
+    "planners/program/file.py": PROGRAM[3:],
+    "planners/following": FOLLOW,
+    "planners/following/smoothing.py": FOLLOW[5::-1],
+    "planners/following/redundancy.py": FOLLOW[5::-1],
+    "planners/following/resolve": RESOLVE,
     "planners/certificate/segment_speed.py": (SEGMENTS, *CERTIFICATE),
     "planners/limits/motion_limits.py": (LIMITS, SEGMENTS, "tests/planners/test_plan.py"),
     "planners/trajectory/curve.py": (LIMITS, "tests/planners/test_trajectory.py", *CERTIFICATE, *LAWS[::-1]),
@@ -223,14 +274,8 @@ DRAWN = (
 """Certificate, its bounds, extrema, following, the judge, kinematics, poses, motion files and ROS."""
 
 NEWER = (
-    "planners/certificate/clearance_search.py",
-    "planners/certificate/clearance.py",
-    "planners/certificate/torque.py",
-    "planners/certificate/segment_speed.py",
-    "planners/certificate/checks.py",
-    "planners/certificate/path_error.py",
-    "planners/certificate/path_bounds.py",
-    "planners/certificate/effort.py",
+    *("planners/certificate", "planners/limits", "planners/retarget", "planners/retarget/controllers"),
+    *("planners/program", "planners/following", "planners/following/resolve"),
     "planners/motion/fit.py",
     "optik/dynamics.py",
     "optik/scene/distance.py",
@@ -239,9 +284,6 @@ NEWER = (
     "optik/arm/shapes/enclosure.py",
     "optik/scene/model.py",
     "optik/scene/files.py",
-    "planners/limits/base.py",
-    "planners/limits/kinds.py",
-    "planners/limits/motion_limits.py",
     "planners/timing/interior_point/rows.py",
     "planners/timing/interior_point/programme.py",
     "planners/timing/interior_point/reach.py",
@@ -253,9 +295,9 @@ NEWER = (
     "planners/cell/_readings.py",
     "optik/arm/mjcf_writer.py",
 )
-"""The proofs of contact and torque, shapes, scenes, limits, the time-optimal law and the cell."""
+"""Proofs, limits, streams, programs, following, shapes, scenes, the time-optimal law and the cell."""
 
-DRAWS = {"drawn": (20251121, 80, DRAWN), "newer": (20261122, 100, NEWER)}
+DRAWS = {"drawn": (20251121, 80, DRAWN)}
 """Changes that are drawn: seed, how many in all, and of which files, of each the same number but for one."""
 
 AREAS = (
@@ -263,7 +305,7 @@ AREAS = (
     *("planners/timing/brake", "optik/scene", "optik/scene/distance.py", "optik/arm/shapes", "planners/certificate"),
 )
 """Searches, path and time together, paths, freedoms, replanning, stops, scenes, distances, shapes and the certificate."""
-SCATTERED = {"areas": (20261126, 60, AREAS)}
+SCATTERED = {"areas": (20261126, 60, AREAS), "newer": (20261122, 100, NEWER)}
 """Changes that are drawn from all of the files and folders at once: seed, how many, and of which."""
 
 LISTED: tuple[tuple[str, str, str], ...] = (
