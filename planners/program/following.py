@@ -15,6 +15,7 @@ from optik.ik import SolverLike, Tolerance, get_solver
 from optik.ik.problem import check_start
 from optik.scene import Scene
 from optik.types import Array
+from planners.certificate.sections import conditions_for
 from planners.following.branches import find_branches
 from planners.following.collision import CollisionCheck
 from planners.following.failure import PlanFailure
@@ -153,7 +154,8 @@ class PartFollower:
     def _list_candidates(self, k: int, q: Array | None) -> list[Array] | None:
         """Return the configurations among which a part chooses, of its start or of its goal; None if there is no choice."""
         part, robot = self.program.parts[k], self.robots[k]
-        rooms = None if self.options.scene is None else CollisionCheck(robot, self.options.scene).find_rooms
+        _, scene = self.find_conditions(robot)
+        rooms = None if scene is None else CollisionCheck(robot, scene).find_rooms
         if q is None:
             if not isinstance(part.goal, Path):
                 raise InvalidInput(
@@ -185,10 +187,8 @@ class PartFollower:
         options = self.options
         share = options.tolerance.scale(0.5 * FOLLOWED)
         samples = min(options.samples, MOST_SAMPLES_A_PART)
-        solver = get_solver(robot, options.solver)
-        return follow(
-            solver, path, q, branch=branch, samples=samples, tolerance=share, scene=options.scene, **options.search
-        )
+        solver, (_, scene) = get_solver(robot, options.solver), self.find_conditions(robot)
+        return follow(solver, path, q, branch=branch, samples=samples, tolerance=share, scene=scene, **options.search)
 
     def _follow_part(self, k: int, q: Array | None, chosen: Array | None) -> Leg | FailedPart:
         """Return a part followed from a configuration; `chosen` is the one of its goal, or of its start if there is none."""
@@ -248,7 +248,8 @@ class PartFollower:
         """Return a part whose path is chosen by its own plan: with freedoms, or around obstacles."""
         part, robot, tolerance = self.program.parts[k], self.robots[k], self.options.tolerance
         goal = path if path is not None else part.goal if chosen is None else chosen
-        found = self.alone(robot, goal, q, limits=self.find_limits(part), avoid=part.avoid, tolerance=tolerance)
+        limits, scene = self.find_conditions(robot, self.find_limits(part))
+        found = self.alone(robot, goal, q, limits=limits, scene=scene, avoid=part.avoid, tolerance=tolerance)
         if not found:
             assert found.failure is not None
             return self.explain(k, found.path, found.failure, found.prefix)
@@ -289,6 +290,10 @@ class PartFollower:
         """Return the limits of a part alone."""
         own: dict[str, Any] = {n: value for n in TOOL_SPEEDS if (value := self.find_speed(part, n)) is not None}
         return replace(self.options.limits, **own) if own else self.options.limits
+
+    def find_conditions(self, robot: Robot, limits: MotionLimits | None = None) -> tuple[MotionLimits, Scene | None]:
+        """Return limits, by default those of the whole program, and the scene for one of its arms."""
+        return conditions_for(robot, self.robots, limits or self.options.limits, self.options.scene)
 
     def find_speed(self, part: Part, name: str) -> float | None:
         """Return the lesser of a part's tool speed and the one of the whole program."""

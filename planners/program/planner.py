@@ -74,10 +74,13 @@ class ProgramPlanner:
         why = failed.failure
         solver, law = self._names(sections)
         names = [part.name for part in self.program.parts]
+        assert why.part is not None
+        robot = self.follower.robots[why.part]
+        _, scene = self.follower.find_conditions(robot)
         parts = tuple(PartRecord(names[leg.part], leg.path, -1, 0.0, 0.0, leg.joint_path) for leg in legs)
         return ProgramPlan(
-            self.follower.robot, failed.path, self.options.limits, PlanStatus(why.status), solver, law, failed.prefix, why,
-            None, None, scene=self.options.scene, sections=tuple(sections), parts=parts, size=len(names),
+            robot, failed.path, self.options.limits, PlanStatus(why.status), solver, law, failed.prefix, why,
+            None, None, scene=scene, sections=tuple(sections), parts=parts, size=len(names),
         )  # fmt: skip
 
     def _names(self, sections: Sequence[Plan]) -> tuple[str, str]:
@@ -110,7 +113,7 @@ class ProgramPlanner:
                 corners += [replace(c, part=c.part + first, begin=c.begin + at, end=c.end + at) for c in own]
                 sections.append(plan)
                 at += plan.path.end
-        return build_plan(sections, self._waits(parts), parts, corners, limits)
+        return build_plan(sections, self._waits(parts), parts, corners, limits, self.options.scene)
 
     def _split(self, legs: Sequence[Leg]) -> Iterator[list[Leg]]:
         """Return the parts between two programmed stops."""
@@ -173,8 +176,9 @@ class ProgramPlanner:
             part = self.program.parts[first.part]
             plan = first.plan
             if plan is None:
-                limits, tolerance = self.follower.find_limits(part), self.options.tolerance
-                plan = self.follower.alone(first.robot, first.path, first.ends[0], limits=limits, tolerance=tolerance)
+                limits, scene = self.follower.find_conditions(first.robot, self.follower.find_limits(part))
+                given = {"limits": limits, "scene": scene, "tolerance": self.options.tolerance}
+                plan = self.follower.alone(first.robot, first.path, first.ends[0], **given)
             return plan, np.array([0.0, first.path.end]), []
         path, places = join_parts(first.robot, sharp, [zone for zone, _ in zones])
         corners = [
@@ -182,8 +186,9 @@ class ProgramPlanner:
             for i, (z, why) in enumerate(zones)
         ]
         limits = limits_of_parts(self._whole_limits(), legs[0].part, legs[-1].part + 1)
+        limits, scene = self.follower.find_conditions(first.robot, limits)
         half = self.options.tolerance.scale(0.5)
-        plan = self.follower.alone(first.robot, path, None, limits=limits, tolerance=half)
+        plan = self.follower.alone(first.robot, path, None, limits=limits, scene=scene, tolerance=half)
         return plan, places, corners
 
     def _waits(self, parts: Sequence[PartRecord]) -> list[float]:
@@ -223,4 +228,4 @@ def slow_sections(found: ProgramPlan, duration: float) -> ProgramPlan:
         slower = replace(section.motion, trajectory=section.trajectory.slowed(factor))
         proof = slower.certify(rate=section.certificate.rate)
         sections.append(replace(section, _trajectory=slower.trajectory, _certificate=proof))
-    return build_plan(sections, found.waits, found.parts, found.corners, found.limits)
+    return build_plan(sections, found.waits, found.parts, found.corners, found.limits, found.scene)

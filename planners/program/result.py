@@ -12,6 +12,7 @@ import scipy
 
 from optik.check import check_number, format_count
 from optik.errors import InvalidInput
+from optik.scene import Scene
 from planners.certificate.sections import SectionTimes, find_stops, merge_certificates
 from planners.following.joint_path import JointPath
 from planners.limits import MotionLimits
@@ -246,7 +247,7 @@ def join_sections(sections: Sequence[Plan], waits: Sequence[float]) -> tuple[Tra
 
 def build_plan(
     sections: Sequence[Plan], waits: Sequence[float], parts: Sequence[PartRecord], corners: Sequence[Corner],
-    limits: MotionLimits, covered: tuple[range, float] | None = None,
+    limits: MotionLimits, scene: Scene | None, covered: tuple[range, float] | None = None,
 ) -> ProgramPlan:  # fmt: skip
     """Return the plan of a program from the valid plans of its sections; `covered` are those that move, and the wait before."""
     which, lead = (range(len(sections)), waits[0]) if covered is None else covered
@@ -256,16 +257,14 @@ def build_plan(
     trajectory, begins = join_sections(
         moving, [lead, *(waits[i + 1] for i in which[:-1]), waits[which[-1] + 1] if ended else 0.0]
     )
-    proof = merge_certificates(
-        sections[0].robot, path.starts[which], trajectory, [p.certificate for p in moving], begins
-    )
+    proof = merge_certificates(path, which, trajectory, [p.certificate for p in moving], begins, limits)
     seconds = reduce(_add_seconds, [section.seconds for section in moving])
     status, failure = judge_certificate(proof)
     span = None if covered is None else (proof.coverage.wanted[0], proof.coverage.wanted[1])
     first, last = moving[0], moving[-1]
     return ProgramPlan(
         first.robot, path, limits, status, first.solver, first.law, None, failure, trajectory, proof,
-        max(section.slowed for section in moving), span, first.speed, first.scene, seconds, first.before, first.start_error,
+        max(section.slowed for section in moving), span, first.speed, scene, seconds, first.before, first.start_error,
         last.stop_kind, sections=tuple(sections), waits=tuple(waits), parts=tuple(parts), corners=tuple(corners),
     )  # fmt: skip
 

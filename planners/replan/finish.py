@@ -52,7 +52,7 @@ def slow(plan: P, factor: float) -> P:
         return plan
     if isinstance(plan, ProgramPlan):
         sections = [slow(section, factor) for section in plan.sections]
-        slower = build_plan(sections, plan.waits, plan.parts, plan.corners, plan.limits)
+        slower = build_plan(sections, plan.waits, plan.parts, plan.corners, plan.limits, plan.scene)
         return replace(slower, scheduled=plan.scheduled, period=plan.period)  # type: ignore[return-value]
     motion = replace(plan.motion, trajectory=plan.trajectory.slowed(factor))
     proof = motion.certify(rate=plan.certificate.rate)

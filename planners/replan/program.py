@@ -11,7 +11,7 @@ import numpy as np
 from optik.check import check_number
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners.certificate.sections import SectionTimes, cut_between, limits_of_parts
+from planners.certificate.sections import SectionTimes, conditions_of, cut_between
 from planners.following.joint_path import find_nearest_s
 from planners.limits import TOOL_SPEEDS, MotionLimits
 from planners.paths.free_path import FreePath
@@ -33,7 +33,8 @@ def replan_program(
     running: ProgramPlan, state: Any, one: Callable[..., Plan], changed: dict[str, Any], stop: bool
 ) -> Plan:
     """Return the motion of a program from a moving state; `one` replans a section, `changed` are the given arguments."""
-    measured, motion = isinstance(state, tuple | list), running.trajectory
+    measured, motion, path = isinstance(state, tuple | list), running.trajectory, running.path
+    assert isinstance(path, ProgramPath)
     t = (
         find_nearest_time(motion, check_measured(running, state))
         if measured
@@ -50,6 +51,8 @@ def replan_program(
     whole = section.span is None or section.span[1] >= section.path.end * (1.0 - AT_END)
     onward = range(i if waiting else i + 1, len(sections))
     limits = running.limits if changed["limits"] is None else _merge_limits(running, changed["limits"])
+    scene = changed["scene"] or running.scene
+    conditions = [conditions_of(path, i, limits, scene) for i in range(len(sections))]
     if t > times[-1].end or (whole and not onward and t >= times[k].rest):
         _refuse_end(t, times[k])
     if waiting or (whole and onward and t >= times[k].rest - BEFORE_END):
@@ -59,21 +62,25 @@ def replan_program(
             )
         covered = onward
     else:
-        own = changed if changed["limits"] is None else {**changed, "limits": _limits_of(running, i, limits)}
-        sections[i] = one(section, state if measured else t - times[k].begin, **own)
+        given = {
+            key: own for key, own in zip(("limits", "scene"), conditions[i], strict=True) if changed[key] is not None
+        }
+        sections[i] = one(section, state if measured else t - times[k].begin, **changed | given)
         if not sections[i]:
             return _name_part(running, i, sections[i])
         covered, left = range(i, i + 1) if stop else range(i, len(sections)), 0.0
     if not stop:
         for j in onward:
-            own = {**changed, "limits": _limits_of(running, j, limits), "scene": changed["scene"] or running.scene}
-            if changed["timing"] is None and own["limits"] == sections[j].limits and own["scene"] is sections[j].scene:
+            own = changed | {"limits": conditions[j][0], "scene": conditions[j][1]}
+            if changed["timing"] is None and conditions[j] == (sections[j].limits, sections[j].scene):
                 continue  # after a stop, sections may have older limits
             chosen = isinstance(sections[j].path, FreePath | PointToPoint)  # a plan would choose another shape
             sections[j] = one(sections[j], 0.0, **own) if chosen else _plan_again(sections[j], own)
             if not sections[j]:
                 return _name_part(running, j, sections[j])
-    found = build_plan(sections, running.waits, running.parts, running.corners, limits, (covered, max(left, 0.0)))
+    found = build_plan(
+        sections, running.waits, running.parts, running.corners, limits, scene, (covered, max(left, 0.0))
+    )
     ahead = [replace(e, t=e.t - t) if isinstance(e, TimedEvent) else e for e in running.scheduled if _is_ahead(e, t)]
     return replace(found, scheduled=tuple(ahead), period=running.period)
 
@@ -134,8 +141,9 @@ def _as_running(running: ProgramPlan, i: int, when: SectionTimes) -> Plan:
             span = a, b
         moved = replace(section.motion, trajectory=motion, span=span, before=None)
         section = replace(section, _trajectory=motion, _certificate=moved.certify(), span=span, before=None)
-    proof = replace(section.certificate, enforced=running.certificate.enforced)
-    return replace(section, _certificate=proof, scene=running.scene)
+    limits, scene = conditions_of(path, i, running.limits, running.scene)
+    enforced = tuple(name for name in running.certificate.enforced if name in limits.names)
+    return replace(section, _certificate=replace(section.certificate, enforced=enforced), scene=scene)
 
 
 def _merge_limits(running: ProgramPlan, limits: MotionLimits) -> MotionLimits:
@@ -145,12 +153,6 @@ def _merge_limits(running: ProgramPlan, limits: MotionLimits) -> MotionLimits:
         given = [x for x in (limits.value(name), running.limits.value(name)) if x is not None]
         own[name] = np.minimum(*given) if len(given) == 2 else given[0] if given else None
     return replace(limits, **own)
-
-
-def _limits_of(running: ProgramPlan, i: int, limits: MotionLimits) -> MotionLimits:
-    """Return the limits of a section."""
-    assert isinstance(running.path, ProgramPath)
-    return limits_of_parts(limits, *running.path.firsts[i : i + 2])
 
 
 def _plan_again(section: Plan, changed: dict[str, Any]) -> Plan:

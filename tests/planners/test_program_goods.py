@@ -1,0 +1,169 @@
+"""Programs that pick up and put down: scenes with what is carried, limits on goods, and certificates of several sections."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import optik
+import planners
+from optik import se3
+from optik.errors import InvalidInput, UnknownName
+from planners import Dwell, MotionLimits, Move, Part, PlanStatus, Program, ToolChange
+
+HAND = optik.load("panda_hand")
+READY = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
+PANDA_LIMITS = MotionLimits.of(HAND, velocity=1.5, acceleration=5.0, jerk=50.0)
+SHELF = (se3.pose(p=[0.45, 0.1, 0.1]), (0.3, 0.3, 0.2))
+BOTTLE = ((0.0, 0.0, 0.02), (0.0, 0.0, 0.1), 0.03)  # its lowest point is 0.13 m below the tool
+UR = optik.load("ur5e")
+UR_HOME = np.deg2rad([0, -90, 90, -90, -90, 0])
+LIMITS = MotionLimits.of(UR, acceleration=12.0, jerk=200.0)
+
+
+def down(x: float, y: float, z: float) -> np.ndarray:
+    return se3.pose(np.diag([1.0, -1.0, -1.0]), [x, y, z])
+
+
+def off(*way: float) -> np.ndarray:
+    T = UR.fk(UR_HOME)
+    return se3.pose(T[:3, :3], T[:3, 3] + way)
+
+
+def pick(grasp: float, *, allow=(("payload", "shelf"),), payload=0.4, shapes=(BOTTLE,)) -> planners.Plan:
+    """A bottle is taken at a height of the tool over the floor, lifted, and put down beside."""
+    scene = optik.Scene(boxes=[SHELF], names=("shelf",), allow=allow)
+    carried = {} if shapes is None else {"shapes": list(shapes)}
+    program = Program([
+        Part(down(0.45, 0.1, 0.5), move="joint"), Part(down(0.45, 0.1, grasp)), ToolChange(payload=payload, **carried),
+        Part(Move([0, 0, 0.1], "base")), Part(Move([0, 0.05, 0], "base")), Part(Move([0, 0, -0.1], "base")),
+        ToolChange(payload=None), Part(Move([0, 0, 0.15], "base")),
+    ])  # fmt: skip
+    return planners.plan(HAND, program, READY, limits=PANDA_LIMITS, scene=scene)
+
+
+# ---------------------------------------------------------------- scenes
+@pytest.fixture(scope="module")
+def lifted() -> planners.ProgramPlan:
+    return pick(0.33)
+
+
+def test_what_stands_on_a_surface_is_lifted_and_put_down(lifted) -> None:
+    assert lifted, lifted
+    carried = ("payload", "shelf", "allowed by the scene")
+    assert [carried in s.certificate.clearance.left_out for s in lifted.sections] == [False] * 2 + [True] * 3 + [False]
+    assert carried in lifted.certificate.clearance.left_out
+    assert lifted.scene.allow == (("payload", "shelf"),)
+    alone = planners.certify(
+        HAND, lifted.path, lifted.trajectory, lifted.limits, scene=lifted.scene, tolerance=(1e-4, 1e-3)
+    )
+    assert alone.is_valid and alone.clearance.left_out == lifted.certificate.clearance.left_out
+    np.testing.assert_allclose(alone.clearance.scene.value, lifted.certificate.clearance.scene.value, rtol=1e-4)
+
+
+def test_a_lifted_motion_is_read_from_its_file_replanned_and_stopped(lifted, tmp_path) -> None:
+    lifted.save(tmp_path / "m.json")
+    assert planners.load_motion(tmp_path / "m.json").certificate.is_valid
+    when = lifted.times[2]
+    middle = 0.5 * (when.begin + when.rest)
+    onward = planners.replan(lifted, middle, limits=PANDA_LIMITS.scale(0.5))
+    assert onward and onward.scene == lifted.scene
+    stop = planners.replan(lifted, middle, stop=True)
+    assert stop and planners.replan(stop, stop.duration)
+
+
+@pytest.mark.parametrize("depth", [0.001, 0.03])
+def test_a_hand_in_the_surface_is_found_where_only_the_payload_may_touch(depth: float) -> None:
+    over = pick(0.4).certificate.clearance.scene  # of the hand, which is lowest at 0.4 m
+    assert "payload" not in over.pair and over.pair[1] == "shelf"
+    found = pick(0.4 - over.found - depth)
+    assert found.status is PlanStatus.CONTACT and found.failure.part == 1
+    assert "shelf" in found.failure.reason and "payload" not in found.failure.reason
+
+
+def test_a_pair_is_needed_for_the_payload_and_names_the_part_that_begins_in_contact() -> None:
+    found = pick(0.329, allow=())
+    assert (
+        found.status is PlanStatus.CONTACT and found.failure.part == 2 and "payload and shelf" in found.failure.reason
+    )
+    assert found.robot.payload is not None and found.prefix is None
+
+
+def test_a_name_that_no_section_has_is_refused() -> None:
+    assert pick(0.33, shapes=None)  # a payload without shapes has no pairs
+    with pytest.raises(UnknownName, match="'bottle'"):
+        pick(0.33, allow=[("bottle", "shelf")])
+    with pytest.raises(UnknownName, match="'payload'"):
+        pick(0.33, payload=None, shapes=None)
+    scene = optik.Scene(boxes=[SHELF], names=("shelf",), allow=[("payload", "shelf")])
+    with pytest.raises(UnknownName, match="'payload'"):
+        planners.plan(HAND, down(0.45, 0.1, 0.5), READY, limits=PANDA_LIMITS, scene=scene)
+
+
+# ---------------------------------------------------------------- goods
+CYCLE = [
+    Part(off(0, 0.2, 0), move="joint", blend=0.02), Part(Move([0, 0, 0.1]), tool_speed=0.25), Dwell(0.2),
+    ToolChange(payload=1.5), Part(Move([0, 0, -0.1])), Part(off(0.1, -0.2, 0), move="joint"), Dwell(0.2),
+    ToolChange(payload=None), Part(UR_HOME),
+]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def sucked() -> planners.ProgramPlan:
+    return planners.plan(
+        UR, Program(CYCLE), UR_HOME, limits=replace(LIMITS, extra={"suction": planners.Suction(0.5, 20.0)})
+    )
+
+
+def test_goods_limit_the_sections_that_carry_them(sucked) -> None:
+    assert sucked and sucked.certificate.exempt == {"suction": (0, 3)}
+    free = planners.plan(UR, Program(CYCLE), UR_HOME, limits=LIMITS)
+    same = [a.duration == pytest.approx(b.duration) for a, b in zip(sucked.sections, free.sections, strict=True)]
+    assert same[0] and same[3] and sucked.sections[2].duration > 1.1 * free.sections[2].duration
+    assert sucked.certificate.extreme("suction").ratio == pytest.approx(1.0, abs=1e-5)
+    heavy = planners.Suction(0.5, 20.0, mass=1.5)
+    for one in sucked.sections[1:3]:
+        proof = planners.certify(UR, one.path, one.trajectory, MotionLimits(extra={"suction": heavy}))
+        assert proof.is_valid and proof.extreme("suction").ratio == pytest.approx(
+            one.certificate.extreme("suction").ratio
+        )
+    empty = sucked.sections[3]  # would throw off what it does not carry
+    assert not planners.certify(UR, empty.path, empty.trajectory, MotionLimits(extra={"suction": heavy})).is_valid
+
+
+def test_the_sections_without_goods_are_listed_also_from_a_file_and_after_replanning(sucked, tmp_path) -> None:
+    assert "suction: 1 (tool at" in str(sucked) and "not in sections 1, 4, where nothing is carried" in str(sucked)
+    assert sucked.certificate.to_dict()["exempt"] == {"suction": [0, 3]}
+    sucked.save(tmp_path / "m.json")
+    proof = planners.load_motion(tmp_path / "m.json").certificate
+    assert proof.is_valid and proof.exempt == sucked.certificate.exempt
+    assert proof.extreme("suction").ratio == pytest.approx(sucked.certificate.extreme("suction").ratio)
+    for section, exempt in ((2, (3,)), (3, (3,))):
+        when = sucked.times[section]
+        onward = planners.replan(sucked, 0.5 * (when.begin + when.rest))
+        assert onward and onward.certificate.exempt == {"suction": exempt}
+    weaker = replace(sucked.limits, extra={"suction": planners.Suction(0.5, 18.0)})
+    slower = planners.replan(sucked, 0.5 * sucked.times[0].rest, limits=weaker)
+    assert slower and slower.sections[3].duration == pytest.approx(sucked.sections[3].duration)
+    assert slower.sections[2].duration > sucked.sections[2].duration
+    assert sucked.slowed_to(stopping_time=1.0).certificate.exempt == {"suction": (0, 3)}
+
+
+def test_goods_count_everywhere_in_a_program_without_a_payload() -> None:
+    turned = UR.fk(UR_HOME + np.array([0, 0, 0, 0.6, 0, 0]))
+    items = [Part(off(0, 0.1, 0), move="joint"), Part(turned, move="joint"), Part(UR_HOME)]
+    cup = replace(LIMITS, extra={"open_container": planners.OpenContainer(0.3, axis="-z")})
+    tilted = planners.plan(UR, Program(items), UR_HOME, limits=cup)
+    assert not tilted and tilted.failure.part == 1 and "open container" in tilted.failure.reason
+    carried = [items[0], ToolChange(payload=0.5), Part(off(0, 0.1, 0.1)), ToolChange(payload=None), *items[1:]]
+    held = planners.plan(UR, Program(carried), UR_HOME, limits=cup)
+    assert held and held.certificate.exempt == {"open_container": (0, 2, 3)}
+    light = replace(LIMITS, extra={"suction": planners.Suction(0.5, 18.0, mass=1.5)})
+    found = planners.plan(UR, Program([items[0], items[2]]), UR_HOME, limits=light)
+    assert found and found.certificate.exempt == {} and found.certificate.extreme("suction").ratio > 0.99
+    with pytest.raises(InvalidInput, match="no mass"):
+        planners.plan(
+            UR, Program(items), UR_HOME, limits=replace(LIMITS, extra={"suction": planners.Suction(0.5, 20.0)})
+        )
