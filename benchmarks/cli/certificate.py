@@ -79,6 +79,7 @@ def print_certificate(plan: Any, by_law: tuple[str, ...]) -> None:
     way = f"{1e3 * plan.path.end:.1f} mm" if plan.path.unit == "m" else f"{np.degrees(plan.path.end):.4g}°"
     arms, parts = getattr(plan.path, "robots", (plan.robot,)), getattr(plan, "parts", ())
     way = f"{format_count(len(parts), 'part')} in {format_count(len(arms), 'section')}" if parts else way
+    way += plan.describe_idle() if parts else ""
     title = f"{plan.solver} + {plan.law}: {way} in {proof.duration:.4f} s"
     table = Table("", "peak / limit", "joint", "time, s", f"enforced by {plan.law}", title=title)
     for field in limits:

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from optik.arm.robot import Robot
 from optik.card import Card
+from optik.check import format_count
 from optik.scene import Scene
 from optik.types import Array
 from optik.view.page import Page, show_page
@@ -121,8 +122,10 @@ class Plan:
 
     @property
     def _title(self) -> str:
-        path = self.path
-        return f"{self.robot.name}, {type(path).__name__} of {path.end:.3g} {path.unit}, {self.solver} + {self.law}"
+        path, merged = self.path, len(getattr(self.path, "dropped", ()))
+        words = f" ({format_count(merged, 'point')} merged)" if merged else ""
+        size = f"{path.end:.3g} {path.unit}{words}"
+        return f"{self.robot.name}, {type(path).__name__} of {size}, {self.solver} + {self.law}"
 
     def _repr_html_(self) -> str:
         """Return verdict, peaks and plots for a notebook."""

@@ -177,7 +177,7 @@ def _bend(parts: tuple[Any, ...], corners: tuple[Corner, ...], path: Path, i: in
         if corner.part == i and corner.begin < s:
             near = _find_nearest(corner, path, sharp.path)
             return float(corner.begin + (s - corner.begin) * (near - corner.begin) / (sharp.end - corner.begin))
-        if corner.part == i - 1 and s < corner.end:
+        if corner.part < i and s < corner.end:
             near = _find_nearest(corner, path, sharp.path)
             return float(near + (s - sharp.end) * (corner.end - near) / (corner.end - sharp.end))
     return s

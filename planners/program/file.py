@@ -315,8 +315,6 @@ class _Reader:
         if kind == "configuration":
             return self._read_configuration(robot, row[kind], kind)
         if kind == "vector_mm":
-            if not any(read_vector(row[kind], kind)):
-                raise InvalidInput(kind, row[kind], "a vector that is not 0")
             return Move(read_vector(row[kind], kind) * 1e-3, row.get("frame", "tool"))
         if kind == "start_of":
             return self._find_start(robot, row, pose, rows)

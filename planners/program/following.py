@@ -29,6 +29,7 @@ from planners.paths.free_path import FreePath
 from planners.paths.goal import unwind
 from planners.paths.joint_curve import JointCurve
 from planners.paths.joint_line import JointLine
+from planners.paths.poses import NO_LENGTH
 from planners.planning.result import Plan
 from planners.program.parts import Part, Program, ToolChange, find_path
 
@@ -62,7 +63,10 @@ class Options(NamedTuple):
 
 
 class Leg(NamedTuple):
-    """A part that was followed: its arm, path, joint path if the path is Cartesian, and the configurations at its ends."""
+    """A part that was followed: its arm, path, joint path if the path is Cartesian, and the configurations at its ends.
+
+    A path of length 0 has no joint path: there is nothing to do.
+    """
 
     part: int
     robot: Robot
@@ -70,6 +74,11 @@ class Leg(NamedTuple):
     joint_path: JointPath | None
     ends: tuple[Array, Array]
     plan: Plan | None = None
+
+    @property
+    def moves(self) -> bool:
+        """Whether the path has a length."""
+        return self.path.end > NO_LENGTH
 
 
 class FailedPart(NamedTuple):
@@ -111,6 +120,10 @@ class PartFollower:
             if failed is not None:
                 return legs, failed
             q = run[-1].ends[1]
+        if not any(leg.moves for leg in legs):
+            first = legs[0]
+            followed = self._follow_path(first.robot, first.path, None if first.path.in_joints else first.ends[0], None)
+            return legs, self.explain(0, first.path, followed.failure)
         return legs, None
 
     def _follow_run(self, k: int, q: Array | None) -> tuple[list[Leg], FailedPart | None]:
@@ -165,9 +178,12 @@ class PartFollower:
             return [own[0]] if own is not None else self._find_starts(robot, part.goal, None, rooms)
         if part.move != "joint":  # for which a configuration is chosen
             return None
-        after = [i for i in (k + 1,) if i < len(self.robots) and self.robots[i] is robot]
-        path = find_path(self.program.parts[after[0]], part.goal) if after else None
-        found = [] if path is None else self._find_starts(robot, path, q, rooms)
+        path: Path | None = None
+        for after, arm in zip(self.program.parts[k + 1 :], self.robots[k + 1 :], strict=True):
+            path = find_path(after, part.goal) if arm is robot else None
+            if path is None or path.end > NO_LENGTH:
+                break
+        found = self._find_starts(robot, path, q, rooms) if path is not None and path.end > NO_LENGTH else []
         if found:
             return found
         usable = None if rooms is None else (lambda x: rooms(x) > 0.0)
@@ -210,6 +226,8 @@ class PartFollower:
                 end = check_start(robot, goal, "goal")
                 path = JointLine(robot, q, unwind(robot, end, q) if self.options.winding == "nearest" else end)
             self._check_gap(k, path, q)
+            if not path.end > NO_LENGTH:
+                return Leg(k, robot, path, None, (q, q))
             if part.avoid is not False or isinstance(path, FreePath):
                 return self._plan_alone(k, path if chosen is None and isinstance(goal, Path) else None, q, chosen)
             followed = self._follow_path(robot, path, None if path.in_joints else q, None)  # type: ignore[arg-type]
@@ -277,7 +295,7 @@ class PartFollower:
 
     def _say_tried(self, failed: FailedPart, k: int, followed: int, count: int) -> FailedPart:
         """Return a failure with the number of configurations that were tried."""
-        if count == 1 or failed.failure.status == PlanStatus.NO_LENGTH:  # which no configuration changes
+        if count == 1:
             return failed
         what = f"parts {k + 1} to {k + followed + 1}" if followed else "it"
         where = (

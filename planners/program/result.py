@@ -46,9 +46,9 @@ class PartRecord:
     path : Path
         Its path before corners are rounded.
     section : int
-        The section that it belongs to.
+        The section that it belongs to; −1 before the first one, where there is nothing to do.
     begin, end : float
-        Its place in the path parameter of the whole program.
+        Its place in the path parameter of the whole program; equal where there is nothing to do.
     """
 
     name: str | None
@@ -76,7 +76,7 @@ class PartRecord:
         float
             In [begin, end].
         """
-        return self.begin + (self.end - self.begin) * x / self.path.end
+        return self.begin + (self.end - self.begin) * x / (self.path.end or 1.0)
 
 
 @dataclass(frozen=True, repr=False)
@@ -169,7 +169,7 @@ class ProgramPlan(Plan):
             if isinstance(spec, TimedEvent):
                 found.append(Event(spec.t, spec.signal, spec.value))
                 continue
-            section = self.parts[find_part(self.parts, spec.part)].section
+            section = max(self.parts[find_part(self.parts, spec.part)].section, 0)
             places = list_places(self.parts, self.corners, self.path, spec)
             if section not in self.moving_sections:
                 continue
@@ -187,7 +187,12 @@ class ProgramPlan(Plan):
         if not self.has_motion:
             return f"{words}, {self.solver}"
         stops = "without a stop" if len(self.sections) == 1 else f"in {len(self.sections)} sections"
-        return f"{words} {stops}, {self.solver} + {self.law}"
+        return f"{words} {stops}{self.describe_idle()}, {self.solver} + {self.law}"
+
+    def describe_idle(self) -> str:
+        """Return words for the parts, counted from 1, whose path has a length of 0; nothing if there are none."""
+        idle = ", ".join(str(i + 1) for i, part in enumerate(self.parts) if part.begin == part.end)
+        return f", nothing to do in part {idle}" if idle else ""
 
     @property
     def moving_sections(self) -> range:
