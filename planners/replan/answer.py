@@ -18,7 +18,7 @@ from planners.plan import Plan, PlanStatus
 from planners.program.result import ProgramPlan
 from planners.replan.onward import plan_onward
 from planners.replan.program import replan_program
-from planners.replan.request import build_request
+from planners.replan.request import build_request, keep_speed
 from planners.replan.state import build_moving_state
 from planners.replan.stop import plan_stop
 from planners.timing import LawLike
@@ -82,6 +82,7 @@ def replan(
     if isinstance(plan, ProgramPlan):
         one = partial(replan, stop=stop, time_limit=time_limit, tolerance=tolerance, rate=rate)
         return replan_program(plan, state, one, {"timing": timing, "limits": limits, "scene": scene}, stop)
+    plan = replace(plan, limits=keep_speed(plan, plan.limits)) if timing is None else plan
     request = build_request(plan, timing, limits, (Tolerance.of(tolerance), rate, scene))
     start = build_moving_state(plan, running, state)
     if stop and start.still:

@@ -20,6 +20,7 @@ from planners.paths.program import ProgramPath
 from planners.plan import Plan, plan
 from planners.program.events import Scheduled, TimedEvent
 from planners.program.result import ProgramPlan, build_plan
+from planners.replan.request import keep_speed
 from planners.replan.state import BEFORE_END, check_measured, find_nearest_time
 from planners.timing.base import read_law
 
@@ -161,6 +162,6 @@ def _plan_again(section: Plan, changed: dict[str, Any]) -> Plan:
     assert section.certificate.tolerance is not None
     return plan(
         section.robot, section.path, None if section.path.in_joints else section.joint_path(0.0),
-        solver=section.solver, timing=timing, limits=changed["limits"] or section.limits,
+        solver=section.solver, timing=timing, limits=keep_speed(section, changed["limits"] or section.limits),
         tolerance=section.certificate.tolerance, scene=changed["scene"] or section.scene,
     )  # fmt: skip

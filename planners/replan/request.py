@@ -22,14 +22,21 @@ from planners.timing.base import QUIET, PathState, StopKind, check_motion
 from planners.timing.optimal import Optimal
 from planners.trajectory import Trajectory
 
+SPEED_MARGIN = 1e-6
+"""Fraction by which a motion may exceed a requested constant tool speed [1], for rounding of a motion at that speed."""
+
 
 class RecordedLaw(TimeLaw):
-    """A record of the law of a plan: its name, the limits that it enforces, and the requested speed."""
+    """A record of the law of a plan: its name, the limits that it enforces, and the requested speed; or of `optimal` for it."""
 
     enforced = ()
 
-    def __init__(self, plan: Plan) -> None:
-        self.name, self.speed, self._enforced = plan.law, plan.speed, plan.certificate.enforced  # type: ignore[misc]
+    def __init__(self, name: str, speed: float | None, enforced: tuple[str, ...]) -> None:
+        self.name, self.speed, self._enforced = name, speed, enforced  # type: ignore[misc]
+
+    def as_run(self) -> RecordedLaw:
+        """Return the record of a motion that is not the remaining part of the plan's own."""
+        return RecordedLaw(Optimal.name, None, self._enforced)
 
     def list_enforced(self, limits: MotionLimits) -> tuple[str, ...]:
         """Return the limits that the plan's certificate enforces."""
@@ -55,6 +62,7 @@ def build_request(
     if not isinstance(limits, MotionLimits):
         raise InvalidInput("limits", repr(limits)[:60], "a MotionLimits")
     if timing is None:  # limits that the plan was allowed to exceed
+        limits = keep_speed(plan, limits)
         allow = tuple({word_of_limit(name) for name in plan.limits.given_names if name not in enforced})
     if timing is not None:
         law.need(limits, plan.robot)
@@ -67,9 +75,21 @@ def _own_law(plan: Plan) -> TimeLaw:
     name = plan.law.partition(QUIET)[0]  # from a moving state nothing is averaged
     if name in laws() and plan.speed is None:
         law = make_law(name)
-        if type(law).run_from is not TimeLaw.run_from:
+        known = set(law.list_enforced(plan.limits)) <= set(plan.certificate.enforced)
+        if known and type(law).run_from is not TimeLaw.run_from:
             return law
-    return RecordedLaw(plan)
+    kept = () if plan.speed is None else TOOL_SPEEDS
+    return RecordedLaw(plan.law, plan.speed, tuple(dict.fromkeys((*plan.certificate.enforced, *kept))))
+
+
+def keep_speed(plan: Plan, limits: MotionLimits) -> MotionLimits:
+    """Return limits of a motion after a plan's: the speed of the tool, or of its rotation, that the plan's law was given."""
+    if plan.speed is None:
+        return limits
+    part = int(plan.certificate.tool_speed.value <= 0.5 * plan.speed)
+    reached = plan.certificate.extreme(TOOL_SPEEDS[part]).value
+    most, known = max(plan.speed * (1.0 + SPEED_MARGIN), float(reached)), limits.value(TOOL_SPEEDS[part])
+    return replace(limits, **{TOOL_SPEEDS[part]: most if known is None else np.minimum(known, most)})
 
 
 def certify_motion(
@@ -79,6 +99,8 @@ def certify_motion(
     plan, analysis = start.plan, start.rest_analysis if motion is start.rest else None
     last = plan.joint_path.end if plan.span is None else plan.span[1]
     end = (last if kind is StopKind.END else plan.joint_path.end) if end is None else end
+    if isinstance(request.law, RecordedLaw) and motion is not start.rest:
+        request = replace(request, law=request.law.as_run())
     covering = replace(request, span=(start.at.s, max(start.at.s, end)), stop_kind=kind)
     return covering.certify_motion(plan.joint_path, motion, analysis=analysis)
 

@@ -167,3 +167,36 @@ def test_goods_count_everywhere_in_a_program_without_a_payload() -> None:
         planners.plan(
             UR, Program(items), UR_HOME, limits=replace(LIMITS, extra={"suction": planners.Suction(0.5, 20.0)})
         )
+
+
+# ---------------------------------------------------------------- messages
+@pytest.mark.parametrize("rate", [None, 125.0])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_law_with_jumps_of_the_acceleration_is_written_with_its_stops(
+    seed: int, rate: float | None, tmp_path
+) -> None:
+    rng = np.random.default_rng([5, seed])
+    middle = [ToolChange(payload=1.0)] if seed == 0 else [Dwell(0.15)] if seed == 1 else []
+    items = [Part(off(*rng.uniform(-0.15, 0.15, 3)), move="joint"), Part(Move(rng.uniform(-0.1, 0.1, 3))), *middle,
+             Part(UR_HOME + rng.uniform(-0.3, 0.3, 6))]  # fmt: skip
+    found = planners.plan(UR, Program(items), UR_HOME, limits=MotionLimits.of(UR, acceleration=8.0), timing="toppra")
+    sent = planners.to_ros(found, tmp_path / "m.yaml", rate=rate)
+    assert sent.certificate.is_valid and sent.factor < 1.5
+    read = planners.load_trajectory(tmp_path / "m.yaml", UR)  # by another way than the export
+    still = read.knots[np.abs(read(read.knots, 1)).max(axis=1) < 1e-12]
+    at = [sent.factor * t for when in found.times for t in (when.begin, when.rest)]
+    assert all(np.abs(still - t).min() < 2e-9 for t in at)
+    if seed == 1:
+        wait = found.times[1]
+        t = sent.factor * np.linspace(wait.rest, wait.end, 50)[1:-1]
+        assert np.abs(read(t, 1)).max() < 1e-12
+
+
+def test_a_message_is_slowed_for_what_each_section_carries(sucked, tmp_path) -> None:
+    sent = planners.to_ros(sucked, tmp_path / "m.yaml", rate=40.0)
+    assert sent.certificate.is_valid and sent.certificate.exempt == {"suction": (0, 3)}
+    items = [Part(off(0.05, 0.1, 0), move="joint"), ToolChange(payload=3.0), Part(off(0.25, -0.2, 0), move="joint")]
+    free = planners.plan(UR, Program(items), UR_HOME, limits=LIMITS)  # what it needs is the limit
+    heavy = replace(LIMITS, torque=free.certificate.torque.value * (1.0 + 1e-6))
+    loaded = planners.plan(UR, Program(items), UR_HOME, limits=heavy)
+    assert loaded and planners.to_ros(loaded, tmp_path / "n.yaml", rate=40.0).certificate.is_valid
