@@ -122,8 +122,8 @@ class VelocityByPositionLimit(RecordLimit):
         end = robot.limits.upper[i] if up else robot.limits.lower[i]
         nearest = end - gap if up else end + gap
         raise NoSolution(
-            f"{robot.joint_names[i]} moves at {q[k, i]:.6g} to the {'upper' if up else 'lower'} end {end:.6g} of its range, where "
-            f"its velocity limit by position is 0; it is above 0 {'below' if up else 'above'} {nearest:.6g}",
+            f"{robot.joint_names[i]} moves at {q[k, i]:.6g} to the {'upper' if up else 'lower'} end {end:.6g} of its range, "
+            f"where its velocity limit by position is 0; it is above 0 {'below' if up else 'above'} {nearest:.6g}",
             s=float(s[k]), joint=robot.joint_names[i], advice=f"an end {'below' if up else 'above'} {nearest:.6g}",
         )  # fmt: skip
 

@@ -158,7 +158,7 @@ class ProgramPlan(Plan):
     def events(self) -> tuple[Event, ...]:
         """The events in their order in time; those of places that the motion does not cover are left out."""
         inside = [event for event in self._list_events() if 0.0 <= event.t <= self.duration]
-        return round_to_periods(inside, self.period)
+        return round_to_periods(inside, self.period, self.duration)
 
     def _list_events(self) -> list[Event]:
         """Return the events at the places that the motion covers, in the order in which they were given."""
@@ -174,7 +174,10 @@ class ProgramPlan(Plan):
             if section not in self.moving_sections:
                 continue
             joints, start = self.sections[section].joint_path, float(self.path.starts[section])
-            when, before = self.times[self.moving_sections.index(section)], getattr(spec, "before", 0.0)
+            when, before = (
+                self.times[self.moving_sections.index(section)],
+                getattr(spec, "before", 0.0) - getattr(spec, "after", 0.0),
+            )
             for s in places:
                 if first <= s + SAME_PLACE * self.path.end and s <= last + SAME_PLACE * self.path.end:
                     t = find_time(self, joints, start, s, when) - before

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -18,7 +18,7 @@ from planners.paths.free_path import FreePath
 from planners.paths.point_to_point import PointToPoint
 from planners.paths.program import ProgramPath
 from planners.plan import Plan, plan
-from planners.program.events import Scheduled, TimedEvent
+from planners.program.events import PathEvent, Scheduled, TimedEvent
 from planners.program.result import ProgramPlan, build_plan
 from planners.replan.request import keep_speed
 from planners.replan.state import BEFORE_END, check_measured, find_nearest_time
@@ -82,8 +82,7 @@ def replan_program(
     found = build_plan(
         sections, running.waits, running.parts, running.corners, limits, scene, (covered, max(left, 0.0))
     )
-    ahead = [replace(e, t=e.t - t) if isinstance(e, TimedEvent) else e for e in running.scheduled if _is_ahead(e, t)]
-    return replace(found, scheduled=tuple(ahead), period=running.period)
+    return replace(found, scheduled=tuple(_list_ahead(running, t)), period=running.period)
 
 
 def _begin_of_wait(times: Sequence[SectionTimes], t: float) -> float:
@@ -107,9 +106,17 @@ def _name_part(running: ProgramPlan, i: int, failed: Plan) -> Plan:
     return replace(failed, path=part.path, failure=replace(why, s=s, reason=reason, part=k))
 
 
-def _is_ahead(event: Scheduled, t: float) -> bool:
-    """Return whether an event may still come after a time [s]."""
-    return not isinstance(event, TimedEvent) or event.t >= t
+def _list_ahead(running: ProgramPlan, t: float) -> Iterator[Scheduled]:
+    """Return the events that may still come after a time [s]; those after a place that is passed get a time."""
+    for one in running.scheduled:
+        passed = [TimedEvent(one.t, one.signal, one.value)] if isinstance(one, TimedEvent) else []
+        if isinstance(one, PathEvent) and one.after:
+            events = replace(running, scheduled=(one,), period=None).events
+            passed = [TimedEvent(e.t, e.signal, e.value) for e in events if e.t + e.before < t]
+        if passed:
+            yield from (replace(event, t=event.t - t) for event in passed if event.t >= t)
+        else:
+            yield one
 
 
 def _find_nearest_section(running: ProgramPlan, q: Array) -> tuple[int, float]:

@@ -95,6 +95,7 @@ def test_every_key_means_what_its_unit_says(tmp_path: Path) -> None:
         part = 1
         fraction = 0.5
         signal = "half"
+        after_s = 0.2
         [[event]]
         part = "bead"
         spacing_mm = 5
@@ -130,7 +131,7 @@ def test_every_key_means_what_its_unit_says(tmp_path: Path) -> None:
     np.testing.assert_allclose(items[9].goal[:3, 3], begin[:3, 3] - 0.04 * begin[:3, 2], atol=1e-9)
     np.testing.assert_allclose(items[11].goal, found.start)
     assert found.events == (
-        PathEvent("bead", -0.05, "gun", 0, before=0.05), PathEvent(0, None, "half", fraction=0.5),
+        PathEvent("bead", -0.05, "gun", 0, before=0.05), PathEvent(0, None, "half", fraction=0.5, after=0.2),
         PeriodicEvent("bead", 0.005, "shot"), TimedEvent(1.5, "camera"),
     )  # fmt: skip
 
@@ -271,6 +272,10 @@ OTHERS = [
     (
         GOOD + "[[event]]\nsignal = 'a'\npart = 1\nfraction = 1\nbefore_s = -1\n",
         "[[event]] 1: before_s: expected a number",
+    ),
+    (
+        GOOD + "[[event]]\nsignal = 'a'\npart = 1\nspacing_mm = 9\nafter_s = 1\n",
+        "after_s: expected none, or distance_mm or fraction; got 1 with spacing_mm",
     ),
     (
         GOOD + "[[event]]\nsignal = 'a'\ntime_s = 1\nbefore_s = 1\n",
