@@ -6,13 +6,22 @@ from dataclasses import replace
 
 import numpy as np
 
+from optik.arm.robot import Robot
 from optik.errors import InvalidInput, NoSolution
 from optik.ik.base import Tolerance
 from optik.scene import Scene
 from optik.scene.contact import check_scene
 from planners.certificate.violation import word_of_limit
 from planners.following.joint_path import JointPath
-from planners.limits import DERIVATIVES, TOOL_SPEEDS, MotionLimits, check_path, ratio_to_limit, tool_limits_at
+from planners.limits import (
+    DERIVATIVES,
+    TOOL_SPEEDS,
+    MotionLimits,
+    check_path,
+    ratio_to_limit,
+    symmetric_bound,
+    tool_limits_at,
+)
 from planners.motion.fit import check_statics, match_start
 from planners.planning.request import PlanRequest
 from planners.planning.result import Plan
@@ -142,7 +151,8 @@ def explain_infeasible(request: PlanRequest, start: MovingState, stop: bool) -> 
     ratio, joint = float(ratios.max()), names[int(ratios.argmax())]
     advice = "higher limits" if stop else "stop=True, or higher limits"
     if ratio > 1.0 + 1e-9:
-        what = f"the state itself has {ratio:.6g} times the allowed {field.replace('_', ' ')} of {joint}"
+        both = _name_both(start.plan_limits, limits, robot, field, joint)
+        what = f"the state itself has {ratio:.6g} times the allowed {field.replace('_', ' ')} of {joint}{both}"
         return NoSolution(f"{none}: {what}", s=start.at.s, joint=joint, advice=f"limits {ratio:.6g} times as high")
     if start.rest is None:
         return NoSolution(f"{none} was found", s=start.at.s, advice=advice)
@@ -152,5 +162,15 @@ def explain_infeasible(request: PlanRequest, start: MovingState, stop: bool) -> 
     field = max(proof.enforced, key=lambda f: float(np.nan_to_num(proof.worst(f)[0], posinf=np.inf)))
     ratio, joint, t = proof.worst(field)
     s = proof.s_at(t)
-    what = f"the running motion reaches {ratio:.6g} times the {field.replace('_', ' ')} limit of {joint} at s = {s:.6g}"
+    both = _name_both(start.plan_limits, limits, robot, field, joint)
+    what = f"the running motion reaches {ratio:.6g} times the {field.replace('_', ' ')} limit of {joint} at s = {s:.6g}{both}"
     return NoSolution(f"{none} was found; {what}", s=s, joint=joint, advice=advice)
+
+
+def _name_both(old: MotionLimits, new: MotionLimits, robot: Robot, field: str, joint: str) -> str:
+    """Return words for the limit of a joint, or of the tool, that was asked for, and for that of the plan, if they differ."""
+    if field not in (*DERIVATIVES, *TOOL_SPEEDS):
+        return ""
+    i = robot.joint_names.index(joint) if field in DERIVATIVES else 0
+    a, b = (np.max(symmetric_bound(x.bounds(robot.n)[field])[i:][:1]) for x in (new, old))
+    return "" if a == b else f" (limit {a:.6g}; {b:.6g} in the plan)"

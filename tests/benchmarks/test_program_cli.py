@@ -175,3 +175,12 @@ def test_a_first_move_to_the_start_is_nothing_to_do(tmp_path: Path) -> None:
     done = run("plan", "program", tmp_path / "p.toml", *LIMITS)
     assert done.exit_code == 0, done.output
     assert "4 parts in 2 sections, nothing to do in part 1, 4 in" in " ".join(done.output.split())
+
+
+def test_an_empty_start_is_refused() -> None:
+    for words in (
+        ["joints", "--robot", "ur5e", "--to-deg", "0,-80,80,0,0,0"],
+        ["program", EXAMPLES / "pick_and_place.toml"],
+    ):
+        done = run("plan", *words, *LIMITS, "--start-deg", "")
+        assert done.exit_code and "--start-deg: expected 6 joint values of ur5e" in str(done.exception)

@@ -4,6 +4,7 @@ Interruptions of drawn plans, at any time: just after the start, at knots, just 
 coefficients by Horner's rule and the arm by its fixed transforms.
 """
 
+import re
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
@@ -479,3 +480,16 @@ def test_a_law_that_starts_at_rest_only_is_followed_by_optimal_under_the_limits_
     assert onward and onward.law == "optimal" and set(onward.certificate.enforced) == set(running.certificate.enforced)
     again = replan(onward, 0.2)
     assert again and set(again.certificate.enforced) == set(running.certificate.enforced)
+
+
+def test_a_refusal_under_lower_limits_names_both() -> None:
+    running = seam("optimal", 0.0, 0.3, -0.1)
+    t = 0.5 * running.duration  # faster than the motion, so that none of its remaining part is left
+    state = running.trajectory(t), 1.1 * running.trajectory(t, 1), 1.21 * running.trajectory(t, 2)
+    refused = replan(running, state, limits=SEAM_LIMITS.scale(0.3))
+    assert not refused and refused.failure is not None
+    ratio, low, high = (
+        float(x)
+        for x in re.findall(r"has (\S+) times .* \(limit (\S+); (\S+) in the plan\)", refused.failure.reason)[0]
+    )
+    assert ratio > 1.0 and low == pytest.approx(0.3 * high, rel=1e-5)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -10,8 +11,13 @@ import pytest
 import optik
 import planners
 from optik import se3
+from optik.arm.limits import VelocityByPosition
 from optik.errors import InvalidInput, UnknownName
-from planners import Dwell, MotionLimits, Move, Part, PlanStatus, Program, ToolChange
+from planners import Dwell, Line, MotionLimits, Move, Part, PlanStatus, Program, ToolChange
+from planners.limits import ALL_LIMITS
+from planners.limits.kinds import limit_names
+from planners.paths.program import ProgramPath
+from planners.trajectory import append_rest, join
 
 HAND = optik.load("panda_hand")
 READY = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
@@ -200,3 +206,81 @@ def test_a_message_is_slowed_for_what_each_section_carries(sucked, tmp_path) -> 
     heavy = replace(LIMITS, torque=free.certificate.torque.value * (1.0 + 1e-6))
     loaded = planners.plan(UR, Program(items), UR_HOME, limits=heavy)
     assert loaded and planners.to_ros(loaded, tmp_path / "n.yaml", rate=40.0).certificate.is_valid
+
+
+# ---------------------------------------------------------------- the whole is the worst of the sections
+EYE = [[float(i == j) for j in range(6)] for i in range(6)]
+BOUNDS = {
+    "velocity": 1.6, "acceleration": 12.0, "jerk": 250.0, "tool_speed": 0.8, "rotation_speed": 0.7,
+    "torque": [60.0, 60.0, 60.0, 6.0, 6.0, 6.0], "torque_rate": [400.0, 900.0, 400.0, 40.0, 40.0, 40.0],
+    "acceleration_by_velocity": planners.AccelerationByVelocity(12.0, 14.0, 3.0), "body_speed": 1.2,
+    "grip": planners.Grip(0.5, 11.0, 1.0), "open_container": planners.OpenContainer(0.6, "-z"),
+    "suction": planners.Suction(0.5, 30.0, 1.0), "tray": planners.Tray(0.7, None, "-z"),
+    "velocity_by_position": VelocityByPosition(np.full(6, 0.2), np.full(6, 0.4)),
+    "motor_velocity": {"matrix": EYE, "bound": [1.6] * 6}, "motor_acceleration": {"matrix": EYE, "bound": [12.0] * 6},
+    "motor_jerk": {"matrix": EYE, "bound": [250.0] * 6},
+    "motor_torque": {"matrix": EYE, "bound": [60.0, 60.0, 60.0, 6.0, 6.0, 6.0]},
+    "motor_torque_rate": {"matrix": EYE, "bound": [400.0, 900.0, 400.0, 40.0, 40.0, 40.0]},
+}  # fmt: skip
+"""A bound of every limit that a slow section respects and a fast one exceeds."""
+NEAR = optik.Scene(spheres=[(off(0.35, 0.35, 0.05)[:3, 3], 0.02)])
+
+
+@pytest.fixture(scope="module")
+def uneven():
+    """Two sections, of which the second is driven three times as fast, off its path, and nearer to an obstacle."""
+    arm = UR.with_motors(EYE)
+    ends = [off(0, 0, 0), off(0.0, 0.2, 0.05), off(0.25, 0.2, 0.05) @ se3.pose(se3.exp_so3([0.0, 0.0, 0.4]))]
+    q, plans = UR_HOME, []
+    for a, b in itertools.pairwise(ends):
+        plans.append(
+            planners.plan(UR, Line(a, b), q, limits=MotionLimits.of(UR, velocity=0.8, acceleration=3.0, jerk=50.0))
+        )
+        q = plans[-1].goal
+    middle = 0.5 * (ends[1][:3, 3] + ends[2][:3, 3]) + [0.0, 0.0078, 0.0]
+    paths = [plans[0].path, planners.Arc.through(ends[1], middle, ends[2])]
+    motions = [plans[0].trajectory.without_s, plans[1].trajectory.without_s.slowed(1.0 / 3.0)]
+    whole = join(append_rest(motions[0], 0.1), motions[1])
+    extra = {name: bound for name, bound in BOUNDS.items() if name not in ALL_LIMITS}
+    limits = MotionLimits(**{name: BOUNDS[name] for name in ALL_LIMITS}, extra=extra)
+    options = {"limits": limits, "tolerance": (1e-3, 1e-2), "scene": NEAR}
+    parts = [planners.certify(arm, path, motion, **options) for path, motion in zip(paths, motions, strict=True)]
+    return parts, planners.certify(arm, ProgramPath(paths, [arm, arm]), whole, **options), motions[0].end + 0.1
+
+
+def test_every_limit_is_in_the_test_of_merged_certificates() -> None:
+    assert set(BOUNDS) == {name for name in limit_names() if "/" not in name}
+
+
+@pytest.mark.parametrize("name", BOUNDS)
+def test_a_limit_that_only_the_second_section_exceeds_is_exceeded(uneven, name: str) -> None:
+    (slow, fast), whole, begin = uneven
+    assert np.nanmax(slow.extreme(name).ratio) < 1.0 < np.nanmax(fast.extreme(name).ratio)
+    assert replace(slow, enforced=(name,), path_error=whole.path_error, tolerance=None).is_valid
+    merged, worst = whole.extreme(name), fast.extreme(name)
+    i = int(np.nanargmax(worst.ratio)) if np.ndim(worst.ratio) else ()
+    assert np.asarray(merged.ratio)[i] == pytest.approx(np.asarray(worst.ratio)[i], rel=1e-9)
+    assert np.asarray(merged.value)[i] == pytest.approx(np.asarray(worst.value)[i], rel=1e-9)
+    assert np.asarray(merged.time)[i] == pytest.approx(begin + np.asarray(worst.time)[i], abs=1e-9)
+    ratios = np.fmax(slow.extreme(name).ratio, worst.ratio)
+    np.testing.assert_allclose(merged.ratio, ratios, rtol=1e-9)
+    judged = replace(whole, enforced=(name,), tolerance=None, clearance=None)
+    assert not judged.is_valid and judged.violations[0].words.startswith(name)
+
+
+def test_clearance_and_path_error_are_those_of_the_worse_section(uneven) -> None:
+    (slow, fast), whole, begin = uneven
+    assert fast.clearance.scene.value < 0.8 * slow.clearance.scene.value
+    assert whole.clearance.scene.value == pytest.approx(fast.clearance.scene.value, rel=1e-9)
+    assert whole.clearance.scene.time == pytest.approx(begin + fast.clearance.scene.time)
+    assert slow.path_error.distance < 1e-5 and fast.path_error.distance > 5e-3
+    assert whole.path_error.distance == pytest.approx(fast.path_error.distance, rel=1e-9)
+    assert whole.path_error.t_distance == pytest.approx(begin + fast.path_error.t_distance)
+    judged = replace(whole, enforced=())
+    assert not judged.is_valid and any("off its path" in words for words in judged.reasons)
+    assert whole.energy.drawn == pytest.approx(slow.energy.drawn + fast.energy.drawn) and not whole.exempt
+    nearer = replace(NEAR, margin=0.5 * (slow.clearance.scene.value + fast.clearance.scene.value))
+    for part, valid in ((slow, True), (fast, False)):
+        room = planners.certify(UR, None, part.motion.trajectory, MotionLimits(), scene=nearer)
+        assert room.is_valid == valid
+    assert not planners.certify(UR, None, whole.motion.trajectory, MotionLimits(), scene=nearer).is_valid
