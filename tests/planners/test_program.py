@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.interpolate import BPoly
 
 import optik
 import planners
@@ -29,7 +31,7 @@ from planners import (
     ToolChange,
 )
 from planners.motion.show import show_motion
-from planners.program.corners import _round
+from planners.program.corners import ON_CURVE, _round, place_nodes
 from planners.program.following import fade_out
 from planners.program.joining import sharpen
 
@@ -96,6 +98,39 @@ def test_the_superposition_of_a_corner_has_the_derivatives_of_differences():
         _round(one, two, 0.1, np.array([0.0]))[0, 0], one.coordinates(np.array([one.end - 0.1]))[0, 0]
     )
     np.testing.assert_allclose(_round(one, two, 0.1, np.array([1.0]))[0, 0], two.coordinates(np.array([0.1]))[0, 0])
+
+
+def test_nodes_of_a_corner_are_those_that_its_quintics_need():
+    def wave(s):
+        return np.stack(
+            [np.stack([3.0**k * np.sin(3.0 * s + 0.5 * np.pi * k) for _ in range(2)], axis=1) for k in range(4)], axis=1
+        )
+
+    def fifth(s):
+        p = np.polynomial.Polynomial([0.1, -0.3, 0.2, 0.5, -0.4, 0.7])
+        return np.stack([np.stack([p.deriv(k)(s)] * 2, axis=1) for k in range(4)], axis=1)
+
+    grid = np.linspace(-0.4, 0.5, 4)
+    assert len(place_nodes(fifth, grid, 1e-6)[0]) == len(grid)
+    s, q = place_nodes(wave, grid, 1e-6)
+
+    def misses(a, b):
+        ends = [wave(np.array([x]))[0, :3, 0] for x in (a, b)]
+        return abs(BPoly.from_derivatives([a, b], ends)(0.5 * (a + b)) - np.sin(1.5 * (a + b)))
+
+    assert all(misses(a, b) <= ON_CURVE for a, b in itertools.pairwise(s)) and np.isin(grid, s).all()
+    np.testing.assert_allclose(q, wave(s))
+    own = [x for x in s if x not in grid]  # each is the middle of an interval that needed it
+    assert own and all(
+        max(misses(x - h, x + h) for h in (np.diff(grid)[0] / 2.0 ** np.arange(1, 12))) > ON_CURVE for x in own
+    )
+    assert len(place_nodes(wave, grid, 0.2)[0]) == len(grid)
+
+
+def test_a_program_without_a_path_in_space_has_no_path_error_but_rounding():
+    found = plan(Part(START + 0.2, blend=0.01), Part(START + np.array([0.3, 0.1, 0.0, 0.2, 0.0, 0.0])))
+    assert found and len(found.sections) == 1
+    assert found.certificate.path_error.distance < 1e-8 and found.certificate.path_error.angle < 5e-8
 
 
 @pytest.mark.filterwarnings("error")

@@ -274,6 +274,11 @@ OTHERS = [
         "[[event]] 1: before_s: expected a number",
     ),
     (
+        GOOD + "[[event]]\nsignal = 'a'\npart = 1\n",
+        "[[event]] 1: event: expected signal; and time_s, or part with distance_mm, fraction or spacing_mm; got signal, part",
+    ),
+    (GOOD + "[[event]]\n", "fraction or spacing_mm; got no keys"),
+    (
         GOOD + "[[event]]\nsignal = 'a'\npart = 1\nspacing_mm = 9\nafter_s = 1\n",
         "after_s: expected none, or distance_mm or fraction; got 1 with spacing_mm",
     ),
