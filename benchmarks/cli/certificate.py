@@ -71,7 +71,7 @@ def describe_clearance(found: Any) -> str:
 
 def print_certificate(plan: Any, by_law: tuple[str, ...]) -> None:
     """Print a plan's certificate; `by_law` are the limits that its time law enforces."""
-    from planners.certificate.certificate import describe_exempt
+    from planners.certificate.certificate import describe_scope
     from planners.limits import ALL_LIMITS, DERIVATIVES
 
     proof, off = plan.certificate, plan.certificate.path_error
@@ -94,7 +94,7 @@ def print_certificate(plan: Any, by_law: tuple[str, ...]) -> None:
             table.add_row(name, "no limit", "", "", required)
     out_console.print(table)
     for name in proof.exempt:
-        out_console.print(f"limit on {name.replace('_', ' ')}{describe_exempt(proof, name)}")
+        out_console.print(f"limit on {name.replace('_', ' ')}{describe_scope(proof, name)}")
     if plan.least_duration:
         out_console.print(f"least duration {plan.least_duration:.4f} s: the slowest joint alone, from rest to rest")
     out_console.print(

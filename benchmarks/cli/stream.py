@@ -49,9 +49,8 @@ class StreamCommand(LimitsCommand, TableCommand):
         arm = self.load()
         chunks = load_chunks(self.file, arm, self.rate, columns=self.columns)
         limits = MotionLimits.of(arm, **self.read_typed_limits(arm))
-        start = (
-            read_configuration(arm, self.start_deg) if self.start_deg is not None else np.asarray(chunks[0].points)[0]
-        )
+        first = np.asarray(chunks[0].points)[0]
+        start = first if self.start_deg is None else read_configuration(arm, self.start_deg)
         drive = make_drive(self.on, arm)
         source = _Recording(chunks, self.latency)
         options: dict[str, Any] = {"limits": limits, "pace": self.pace, "tolerance": self.tolerance}

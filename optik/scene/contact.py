@@ -84,14 +84,10 @@ def scene_for(robot: Robot, scene: Scene | None, arms: Iterable[Robot]) -> Scene
     """Return the scene for one of several arms: pairs in ``allow`` of a part that only another arm has are left out."""
     if scene is None:
         return None
-    known = {name for arm in arms for name in (*_part_names(arm), *([PAYLOAD] if arm.payload else []))}
-    missing = known.difference(_part_names(robot))
+    own, *others = ({*arm.link_names, *(arm.shapes.names if arm.shapes else ())} for arm in (robot, *arms))
+    missing = set().union(*others, [PAYLOAD] if any(arm.payload is not None for arm in arms) else []) - own
     allow = tuple(pair for pair in scene.allow if pair[0] not in missing)
     return scene if allow == scene.allow else replace(scene, allow=allow)
-
-
-def _part_names(robot: Robot) -> tuple[str, ...]:
-    return (*robot.link_names, *(() if robot.shapes is None else robot.shapes.names))
 
 
 def check_scene(robot: Robot, scene: Scene | None) -> None:

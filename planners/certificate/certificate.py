@@ -307,21 +307,18 @@ def limit_bars(proof: Certificate) -> list[Bar]:
     found = {name: proof.worst(name) for name in (*ALL_LIMITS, *proof.extra)}
     bounded = {name: one for name, one in found.items() if not np.isnan(one[0])}
     bars = [
-        Bar(
-            name,
-            ratio,
-            f"{subject} at {t:.3g} s{'' if name in proof.enforced else ', not enforced'}{describe_exempt(proof, name)}",
-        )
+        Bar(name, ratio, f"{subject} at {t:.3g} s{describe_scope(proof, name)}")
         for name, (ratio, subject, t) in bounded.items()
     ]
     least = sorted((bar.ratio for bar in bars), reverse=True)[:MOST_LIMITS]
     return [bar for bar in bars if bar.ratio >= least[-1]]
 
 
-def describe_exempt(proof: Certificate, name: str) -> str:
-    """Return words for the sections in which a limit does not apply, counted from 1."""
+def describe_scope(proof: Certificate, name: str) -> str:
+    """Return words if a limit is not enforced, and for the sections in which it does not apply, counted from 1."""
     sections = ", ".join(str(i + 1) for i in proof.exempt.get(name, ()))
-    return f", not in sections {sections}, where nothing is carried" if sections else ""
+    enforced = "" if name in proof.enforced else ", not enforced"
+    return enforced + (f", not in sections {sections}, where nothing is carried" if sections else "")
 
 
 def _limit_lines(proof: Certificate) -> list[str]:

@@ -97,28 +97,25 @@ def certify(
     analysis = _check_analysis(analysis, robot, trajectory)
     criteria: dict[str, Any] = {"law": law, "enforced": enforced, "rate": check_rate(rate), "tolerance": tolerance}
     if isinstance(path, ProgramPath):
-        return _certify_sections(path, trajectory, limits, span, before, scene, criteria)
+        return _certify_sections(path, trajectory, limits, span, before, criteria | {"scene": scene})
     return _certify(analysis.along_path(path, *_required_accuracy(tolerance)), limits, before, span, scene, criteria)
 
 
 def _certify_sections(
     path: ProgramPath, trajectory: Trajectory, limits: MotionLimits, span: tuple[float, float],
-    before: tuple[MotionLimits, float] | None, scene: Scene | None, criteria: dict[str, Any],
+    before: tuple[MotionLimits, float] | None, criteria: dict[str, Any],
 ) -> Certificate:  # fmt: skip
     """Return the certificate of a motion that stops at the end of each section."""
-    which, times, enforced = path.find_sections(span), find_stops(path, trajectory, span), criteria["enforced"]
+    which, times = path.find_sections(span), find_stops(path, trajectory, span)
     proofs = []
     for i, (begin, _, end) in zip(which, times, strict=True):
         motion = cut_between(trajectory, begin, end)
         a, b = (float(np.clip(s - path.starts[i], 0.0, path.sections[i].end)) for s in span)
-        own, around = conditions_of(path, i, limits, scene)
-        criteria["enforced"] = tuple(name for name in enforced if name in own.names)
-        changed = before if i == which[0] else None
-        proofs.append(
-            certify(
-                path.robots[i], path.sections[i], motion, own, span=(a, b), before=changed, scene=around, **criteria
-            )
-        )
+        own, scene = conditions_of(path, i, limits, criteria["scene"])
+        enforced = tuple(name for name in criteria["enforced"] if name in own.names)
+        given = criteria | {"span": (a, b), "before": before if i == which[0] else None}
+        given |= {"scene": scene, "enforced": enforced}
+        proofs.append(certify(path.robots[i], path.sections[i], motion, own, **given))
     return merge_certificates(path, which, trajectory, proofs, [time.begin for time in times], limits)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import reduce
 from typing import Any, NamedTuple
@@ -47,9 +47,11 @@ def limits_of_parts(limits: MotionLimits, a: int, b: int) -> MotionLimits:
     return replace(limits, **own) if own else limits
 
 
-def conditions_for(
-    robot: Robot, arms: Iterable[Robot], limits: MotionLimits, scene: Scene | None
-) -> tuple[MotionLimits, Scene | None]:
+Conditions = tuple[MotionLimits, Scene | None]
+"""Limits and scene of a motion."""
+
+
+def conditions_for(robot: Robot, arms: Sequence[Robot], limits: MotionLimits, scene: Scene | None) -> Conditions:
     """Return limits and scene for one arm of a program: none on goods where nothing is carried, if another arm carries some."""
     kept = tuple(name for name in limits.names if not kind_of(name).on_goods)
     if kept != limits.names and robot.payload is None and any(arm.payload is not None for arm in arms):
@@ -57,9 +59,7 @@ def conditions_for(
     return limits, scene_for(robot, scene, arms)
 
 
-def conditions_of(
-    path: ProgramPath, i: int, limits: MotionLimits, scene: Scene | None
-) -> tuple[MotionLimits, Scene | None]:
+def conditions_of(path: ProgramPath, i: int, limits: MotionLimits, scene: Scene | None) -> Conditions:
     """Return limits and scene of a section, from those of the whole program."""
     own = limits_of_parts(limits, path.firsts[i], path.firsts[i + 1])
     return conditions_for(path.robots[i], path.robots, own, scene)
@@ -133,8 +133,9 @@ def merge_certificates(
     missing = {name: tuple(i for i, p in zip(which, proofs, strict=True) if name not in p.extra) for name in extra}
 
     def worst(name: str) -> Any:
-        own = [(p.extreme(name), t) for p, t in zip(proofs, begins, strict=True) if name in (*ALL_LIMITS, *p.extra)]
-        each: list[Any] = [x._replace(time=x.time + t) for x, t in own] or [ToolExtreme(np.nan, np.nan, 0.0)]
+        each: list[Any] = [
+            x._replace(time=x.time + t) for p, t, _ in shift if (x := getattr(p, name, None) or p.extra.get(name))
+        ] or [ToolExtreme(np.nan, np.nan, 0.0)]
         found = reduce(select_worse, each)
         value = np.max([x.value for x in each], axis=0)  # which may be in a section with a higher limit
         return found._replace(value=value if isinstance(found, Extreme) else float(value))

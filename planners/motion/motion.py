@@ -21,7 +21,6 @@ from planners.following.failure import FollowStatus
 from planners.limits import ALL_LIMITS, MotionLimits, check_path
 from planners.motion.event import Event
 from planners.paths.base import Path
-from planners.paths.program import ProgramPath
 from planners.trajectory import Trajectory
 
 
@@ -117,7 +116,7 @@ class Motion:
             object.__setattr__(self, "span", check_span(self.span, self.path))
         if self.speed is not None:
             object.__setattr__(self, "speed", check_number(self.speed, "speed", "a tool speed above 0", above=0.0))
-        arms = self.path.robots if isinstance(self.path, ProgramPath) else (self.robot,)
+        arms = getattr(self.path, "robots", (self.robot,))
         for arm in dict.fromkeys(arms):
             check_scene(arm, scene_for(arm, self.scene, arms))
 

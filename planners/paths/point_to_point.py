@@ -123,15 +123,11 @@ class PointToPoint(PiecewisePath):
             raise InvalidInput("points", "a goal with a tolerance", "a goal that is reached exactly")
         self.robot, self.unit = robot, "m" if robot.prismatic.all() else "rad"
         q = choose_configurations(robot, check_start(robot, q_start, "q_start"), [one.target for one in given], usable)
-        kept = [0]
-        for i in range(1, len(q)):
-            if np.linalg.norm(q[i] - q[kept[-1]]) > SHORTEST_LEG:
-                kept.append(i)
-            elif i == len(q) - 1 and kept[-1]:  # the goal is reached exactly
-                kept[-1] = i
+        kept = np.append(0, 1 + np.flatnonzero(np.linalg.norm(np.diff(q, axis=0), axis=1) > SHORTEST_LEG))
         if len(kept) < 2:
             raise InvalidInput("points", "only the start again", "a point that differs from it in joint space")
-        self.dropped = tuple(sorted(set(range(len(q))) - set(kept)))
+        kept[-1] = len(q) - 1  # the goal is reached exactly
+        self.dropped = tuple(np.setdiff1d(np.arange(len(q)), kept).tolist())
         q, given = q[kept], [given[i - 1] for i in kept[1:]]
         self.points = given
         legs = np.linalg.norm(np.diff(q, axis=0), axis=1)

@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike
 
 from optik.arm.robot import Robot
 from optik.card import Card
-from optik.check import format_count
 from optik.scene import Scene
 from optik.types import Array
 from optik.view.page import Page, show_page
@@ -122,10 +121,9 @@ class Plan:
 
     @property
     def _title(self) -> str:
-        path, merged = self.path, len(getattr(self.path, "dropped", ()))
-        words = f" ({format_count(merged, 'point')} merged)" if merged else ""
-        size = f"{path.end:.3g} {path.unit}{words}"
-        return f"{self.robot.name}, {type(path).__name__} of {size}, {self.solver} + {self.law}"
+        path, words = self.path, f" of {self.path.end:.3g} {self.path.unit}"
+        words += f" (points merged: {len(path.dropped)})" if getattr(path, "dropped", ()) else ""
+        return f"{self.robot.name}, {type(path).__name__}{words}, {self.solver} + {self.law}"
 
     def _repr_html_(self) -> str:
         """Return verdict, peaks and plots for a notebook."""

@@ -15,7 +15,7 @@ from optik.ik import SolverLike, Tolerance, get_solver
 from optik.ik.problem import check_start
 from optik.scene import Scene
 from optik.types import Array
-from planners.certificate.sections import conditions_for
+from planners.certificate.sections import Conditions, conditions_for
 from planners.following.branches import find_branches
 from planners.following.collision import CollisionCheck
 from planners.following.failure import PlanFailure
@@ -75,11 +75,6 @@ class Leg(NamedTuple):
     ends: tuple[Array, Array]
     plan: Plan | None = None
 
-    @property
-    def moves(self) -> bool:
-        """Whether the path has a length."""
-        return self.path.end > NO_LENGTH
-
 
 class FailedPart(NamedTuple):
     """A part that could not be followed, with the joint path up to where it fails."""
@@ -120,10 +115,9 @@ class PartFollower:
             if failed is not None:
                 return legs, failed
             q = run[-1].ends[1]
-        if not any(leg.moves for leg in legs):
-            first = legs[0]
-            followed = self._follow_path(first.robot, first.path, None if first.path.in_joints else first.ends[0], None)
-            return legs, self.explain(0, first.path, followed.failure)
+        if not any(leg.path.end > NO_LENGTH for leg in legs):
+            robot, path, q = legs[0].robot, legs[0].path, None if legs[0].path.in_joints else legs[0].ends[0]
+            return legs, self.explain(0, path, self._follow_path(robot, path, q, None).failure)
         return legs, None
 
     def _follow_run(self, k: int, q: Array | None) -> tuple[list[Leg], FailedPart | None]:
@@ -178,12 +172,10 @@ class PartFollower:
             return [own[0]] if own is not None else self._find_starts(robot, part.goal, None, rooms)
         if part.move != "joint":  # for which a configuration is chosen
             return None
-        path: Path | None = None
-        for after, arm in zip(self.program.parts[k + 1 :], self.robots[k + 1 :], strict=True):
-            path = find_path(after, part.goal) if arm is robot else None
-            if path is None or path.end > NO_LENGTH:
-                break
-        found = self._find_starts(robot, path, q, rooms) if path is not None and path.end > NO_LENGTH else []
+        after = zip(self.program.parts[k + 1 :], self.robots[k + 1 :], strict=True)
+        paths = (find_path(other, part.goal) for other, arm in after if arm is robot)
+        path = next((path for path in paths if path is None or path.end > NO_LENGTH), None)
+        found = [] if path is None else self._find_starts(robot, path, q, rooms)
         if found:
             return found
         usable = None if rooms is None else (lambda x: rooms(x) > 0.0)
@@ -199,7 +191,7 @@ class PartFollower:
         followed = self._follow_path(robot, path, q, "best")
         return [] if followed.joint_path is None else [followed.joint_path.q[0]]
 
-    def _follow_path(self, robot: Robot, path: Path, q: Array | None, branch: str) -> Any:
+    def _follow_path(self, robot: Robot, path: Path, q: Array | None, branch: str | None) -> Any:
         options = self.options
         share = options.tolerance.scale(0.5 * FOLLOWED)
         samples = min(options.samples, MOST_SAMPLES_A_PART)
@@ -229,8 +221,8 @@ class PartFollower:
             if not path.end > NO_LENGTH:
                 return Leg(k, robot, path, None, (q, q))
             if part.avoid is not False or isinstance(path, FreePath):
-                return self._plan_alone(k, path if chosen is None and isinstance(goal, Path) else None, q, chosen)
-            followed = self._follow_path(robot, path, None if path.in_joints else q, None)  # type: ignore[arg-type]
+                return self._plan_part(k, path if chosen is None and isinstance(goal, Path) else None, q, chosen)
+            followed = self._follow_path(robot, path, None if path.in_joints else q, None)
         except InvalidInput as error:
             if error.argument.startswith(label):
                 raise
@@ -255,19 +247,18 @@ class PartFollower:
             if not path.in_joints and (moved > MOST_MOVED * GAP).any():
                 got = f"one that begins {far:.3g} (rad, m) from the joints at {self._before(k)}: the arm is nearly singular"
                 raise InvalidInput(self.program.label(k), got, "a path that begins there")
-        followed = self._follow_path(robot, closed, None, None)  # type: ignore[arg-type]
+        followed = self._follow_path(robot, closed, None, None)
         return (path, joints) if followed.failure is not None else (closed, followed.joint_path)
 
     def _before(self, k: int) -> str:
         """Return words for where a part begins."""
         return f"the end of {self.program.label(k - 1)}" if k else "q_start"
 
-    def _plan_alone(self, k: int, path: Path | None, q: Array, chosen: Array | None) -> Leg | FailedPart:
+    def _plan_part(self, k: int, path: Path | None, q: Array, chosen: Array | None) -> Leg | FailedPart:
         """Return a part whose path is chosen by its own plan: with freedoms, or around obstacles."""
         part, robot, tolerance = self.program.parts[k], self.robots[k], self.options.tolerance
         goal = path if path is not None else part.goal if chosen is None else chosen
-        limits, scene = self.find_conditions(robot, self.find_limits(part))
-        found = self.alone(robot, goal, q, limits=limits, scene=scene, avoid=part.avoid, tolerance=tolerance)
+        found = self.plan_alone(robot, goal, q, self.find_limits(part), avoid=part.avoid, tolerance=tolerance)
         if not found:
             assert found.failure is not None
             return self.explain(k, found.path, found.failure, found.prefix)
@@ -309,7 +300,12 @@ class PartFollower:
         own: dict[str, Any] = {n: value for n in TOOL_SPEEDS if (value := self.find_speed(part, n)) is not None}
         return replace(self.options.limits, **own) if own else self.options.limits
 
-    def find_conditions(self, robot: Robot, limits: MotionLimits | None = None) -> tuple[MotionLimits, Scene | None]:
+    def plan_alone(self, robot: Robot, path: Any, q: Array | None, limits: MotionLimits, **given: Any) -> Plan:
+        """Return the plan of a path for one arm of the program."""
+        limits, scene = self.find_conditions(robot, limits)
+        return self.alone(robot, path, q, limits=limits, scene=scene, **given)
+
+    def find_conditions(self, robot: Robot, limits: MotionLimits | None = None) -> Conditions:
         """Return limits, by default those of the whole program, and the scene for one of its arms."""
         return conditions_for(robot, self.robots, limits or self.options.limits, self.options.scene)
 

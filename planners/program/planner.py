@@ -22,6 +22,7 @@ from planners.motion import PlanStatus
 from planners.paths.joint_curve import JointCurve
 from planners.paths.joint_line import JointLine
 from planners.paths.point_to_point import PointToPoint
+from planners.paths.poses import NO_LENGTH
 from planners.planning.result import Plan, PlanSeconds
 from planners.program.following import FailedPart, Leg, Options, PartFollower, PlanAlone
 from planners.program.joining import Corner, Sharp, join_parts, round_corners, sharpen
@@ -74,8 +75,7 @@ class ProgramPlanner:
         why = failed.failure
         solver, law = self._names(sections)
         names = [part.name for part in self.program.parts]
-        assert why.part is not None
-        robot = self.follower.robots[why.part]
+        robot = self.follower.robots[why.part or 0]
         _, scene = self.follower.find_conditions(robot)
         parts = tuple(PartRecord(names[leg.part], leg.path, -1, 0.0, 0.0, leg.joint_path) for leg in legs)
         return ProgramPlan(
@@ -113,7 +113,7 @@ class ProgramPlanner:
                 sections.append(plan)
                 at += plan.path.end
         for leg in legs:
-            if not leg.moves:
+            if not leg.path.end > NO_LENGTH:
                 section, at = (parts[leg.part - 1].section, parts[leg.part - 1].end) if leg.part else (-1, 0.0)
                 parts.insert(leg.part, PartRecord(self.program.parts[leg.part].name, leg.path, section, at, at))
         return build_plan(sections, self._waits(parts), parts, corners, limits, self.options.scene)
@@ -122,17 +122,15 @@ class ProgramPlanner:
         """Return the parts between two programmed stops that move the arm."""
         group: list[Leg] = []
         for leg in legs:
-            group += [leg] if leg.moves else []
+            group += [leg] if leg.path.end > NO_LENGTH else []
             if group and self.program.parts[leg.part].blend == 0.0:
                 yield group
                 group = []
 
     def _plan_group(self, legs: list[Leg]) -> Iterator[tuple[Plan, Array, list[Corner], list[Leg]] | FailedPart]:
         """Return the sections of parts with zones between: one, or more where a corner has to be a stop."""
-        zones = [
-            np.min([part.zone for part in self.program.parts[a.part : b.part]], axis=0)
-            for a, b in itertools.pairwise(legs)
-        ]
+        parts = self.program.parts
+        zones = [np.min([part.zone for part in parts[a.part : b.part]], axis=0) for a, b in itertools.pairwise(legs)]
         robot, tolerance, n = legs[0].robot, self.options.tolerance, len(legs)
         tries, reasons = np.zeros(max(n - 1, 0), int), [""] * (n - 1)
         sharp = [sharpen(robot, leg.path, leg.joint_path) for leg in legs] if n > 1 else []
@@ -182,9 +180,8 @@ class ProgramPlanner:
             part = self.program.parts[first.part]
             plan = first.plan
             if plan is None:
-                limits, scene = self.follower.find_conditions(first.robot, self.follower.find_limits(part))
-                given = {"limits": limits, "scene": scene, "tolerance": self.options.tolerance}
-                plan = self.follower.alone(first.robot, first.path, first.ends[0], **given)
+                limits, tolerance = self.follower.find_limits(part), self.options.tolerance
+                plan = self.follower.plan_alone(first.robot, first.path, first.ends[0], limits, tolerance=tolerance)
             return plan, np.array([0.0, first.path.end]), []
         path, places = join_parts(first.robot, sharp, [zone for zone, _ in zones])
         corners = [
@@ -192,9 +189,8 @@ class ProgramPlanner:
             for i, (z, why) in enumerate(zones)
         ]
         limits = limits_of_parts(self._whole_limits(legs), 0, len(legs))
-        limits, scene = self.follower.find_conditions(first.robot, limits)
         half = self.options.tolerance.scale(0.5)
-        plan = self.follower.alone(first.robot, path, None, limits=limits, scene=scene, tolerance=half)
+        plan = self.follower.plan_alone(first.robot, path, None, limits, tolerance=half)
         return plan, places, corners
 
     def _waits(self, parts: Sequence[PartRecord]) -> list[float]:
@@ -211,7 +207,7 @@ class ProgramPlanner:
     def _whole_limits(self, legs: Sequence[Leg]) -> MotionLimits:
         """Return the limits of parts that move, with one bound on the tool's speeds for each if a part has its own."""
         own: dict[str, Any] = {}
-        parts = [self.program.parts[leg.part] for leg in legs if leg.moves]
+        parts = [self.program.parts[leg.part] for leg in legs if leg.path.end > NO_LENGTH]
         for name in TOOL_SPEEDS:
             if any(getattr(part, name) is not None for part in self.program.parts):
                 each = [self.follower.find_speed(part, name) for part in parts]

@@ -174,10 +174,8 @@ class ProgramPlan(Plan):
             if section not in self.moving_sections:
                 continue
             joints, start = self.sections[section].joint_path, float(self.path.starts[section])
-            when, before = (
-                self.times[self.moving_sections.index(section)],
-                getattr(spec, "before", 0.0) - getattr(spec, "after", 0.0),
-            )
+            when = self.times[self.moving_sections.index(section)]
+            before = getattr(spec, "before", 0.0) - getattr(spec, "after", 0.0)
             for s in places:
                 if first <= s + SAME_PLACE * self.path.end and s <= last + SAME_PLACE * self.path.end:
                     t = find_time(self, joints, start, s, when) - before

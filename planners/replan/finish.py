@@ -75,9 +75,9 @@ def slow_to(plan: P, rms_torque: ArrayLike | None, cycle: float | None, *stoppin
         reached, place = _find_longest_stops(slower, step, limits, place)
         if (reached <= limits).all() and (most is None or _rms_ratio(slower, most, 1.0, cycle) <= 1.0):
             return _store_step(slower, step)
-    slowest = [slow(plan, float(first * factor)) for factor in FACTORS[[FACTORS.searchsorted(4.0) - 1, -1]]]
-    most_stops = [_find_longest_stops(x, x.duration / CHECKED_STEPS, np.full(2, np.inf), place)[0] for x in slowest]
-    least = np.min(most_stops, axis=0)
+    both = (slow(plan, float(4.0 * first)), slower)
+    found = [_find_longest_stops(x, x.duration / CHECKED_STEPS, np.full(2, np.inf), place)[0] for x in both]
+    least = np.min(found, axis=0)
     texts = f"a stopping time of {least[0]:.6g} s", f"a stopping distance of {least[1]:.6g} {plan.path.unit}"
     words = [text for text, limit in zip(texts, limits, strict=True) if limit < np.inf]
     raise NoSolution(

@@ -18,7 +18,7 @@ from planners.paths.free_path import FreePath
 from planners.paths.point_to_point import PointToPoint
 from planners.paths.program import ProgramPath
 from planners.plan import Plan, plan
-from planners.program.events import PathEvent, Scheduled, TimedEvent
+from planners.program.events import Scheduled, TimedEvent
 from planners.program.result import ProgramPlan, build_plan
 from planners.replan.request import keep_speed
 from planners.replan.state import BEFORE_END, check_measured, find_nearest_time
@@ -53,7 +53,9 @@ def replan_program(
     onward = range(i if waiting else i + 1, len(sections))
     limits = running.limits if changed["limits"] is None else _merge_limits(running, changed["limits"])
     scene = changed["scene"] or running.scene
-    conditions = [conditions_of(path, i, limits, scene) for i in range(len(sections))]
+    conditions = [
+        dict(zip(("limits", "scene"), conditions_of(path, j, limits, scene), strict=True)) for j in range(len(sections))
+    ]
     if t > times[-1].end or (whole and not onward and t >= times[k].rest):
         _refuse_end(t, times[k])
     if waiting or (whole and onward and t >= times[k].rest - BEFORE_END):
@@ -63,25 +65,22 @@ def replan_program(
             )
         covered = onward
     else:
-        given = {
-            key: own for key, own in zip(("limits", "scene"), conditions[i], strict=True) if changed[key] is not None
-        }
+        given = {key: own for key, own in conditions[i].items() if changed[key] is not None}
         sections[i] = one(section, state if measured else t - times[k].begin, **changed | given)
         if not sections[i]:
             return _name_part(running, i, sections[i])
         covered, left = range(i, i + 1) if stop else range(i, len(sections)), 0.0
     if not stop:
         for j in onward:
-            own = changed | {"limits": conditions[j][0], "scene": conditions[j][1]}
-            if changed["timing"] is None and conditions[j] == (sections[j].limits, sections[j].scene):
+            own = changed | conditions[j]
+            if changed["timing"] is None and conditions[j] == {key: getattr(sections[j], key) for key in conditions[j]}:
                 continue  # after a stop, sections may have older limits
             chosen = isinstance(sections[j].path, FreePath | PointToPoint)  # a plan would choose another shape
             sections[j] = one(sections[j], 0.0, **own) if chosen else _plan_again(sections[j], own)
             if not sections[j]:
                 return _name_part(running, j, sections[j])
-    found = build_plan(
-        sections, running.waits, running.parts, running.corners, limits, scene, (covered, max(left, 0.0))
-    )
+    span = covered, max(left, 0.0)
+    found = build_plan(sections, running.waits, running.parts, running.corners, limits, scene, span)
     return replace(found, scheduled=tuple(_list_ahead(running, t)), period=running.period)
 
 
@@ -109,13 +108,11 @@ def _name_part(running: ProgramPlan, i: int, failed: Plan) -> Plan:
 def _list_ahead(running: ProgramPlan, t: float) -> Iterator[Scheduled]:
     """Return the events that may still come after a time [s]; those after a place that is passed get a time."""
     for one in running.scheduled:
-        passed = [TimedEvent(one.t, one.signal, one.value)] if isinstance(one, TimedEvent) else []
-        if isinstance(one, PathEvent) and one.after:
-            events = replace(running, scheduled=(one,), period=None).events
-            passed = [TimedEvent(e.t, e.signal, e.value) for e in events if e.t + e.before < t]
-        if passed:
-            yield from (replace(event, t=event.t - t) for event in passed if event.t >= t)
-        else:
+        timed = isinstance(one, TimedEvent) or getattr(one, "after", 0.0) > 0.0
+        events = replace(running, scheduled=(one,), period=None).events if timed else ()
+        passed = [e for e in events if e.s is None or e.t + e.before < t]
+        yield from (TimedEvent(e.t - t, e.signal, e.value) for e in passed if e.t >= t)
+        if not passed:
             yield one
 
 

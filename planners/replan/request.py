@@ -3,25 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from optik.arm.robot import Robot
 from optik.errors import InvalidInput, NoSolution
 from optik.ik.base import Tolerance
 from optik.scene import Scene
 from optik.scene.contact import check_scene
 from planners.certificate.violation import word_of_limit
 from planners.following.joint_path import JointPath
-from planners.limits import (
-    DERIVATIVES,
-    TOOL_SPEEDS,
-    MotionLimits,
-    check_path,
-    ratio_to_limit,
-    symmetric_bound,
-    tool_limits_at,
-)
+from planners.limits import DERIVATIVES, TOOL_SPEEDS, MotionLimits, check_path, ratio_to_limit, tool_limits_at
 from planners.motion.fit import check_statics, match_start
 from planners.planning.request import PlanRequest
 from planners.planning.result import Plan
@@ -42,10 +34,6 @@ class RecordedLaw(TimeLaw):
 
     def __init__(self, name: str, speed: float | None, enforced: tuple[str, ...]) -> None:
         self.name, self.speed, self._enforced = name, speed, enforced  # type: ignore[misc]
-
-    def as_run(self) -> RecordedLaw:
-        """Return the record of a motion that is not the remaining part of the plan's own."""
-        return RecordedLaw(Optimal.name, None, self._enforced)
 
     def list_enforced(self, limits: MotionLimits) -> tuple[str, ...]:
         """Return the limits that the plan's certificate enforces."""
@@ -95,10 +83,10 @@ def keep_speed(plan: Plan, limits: MotionLimits) -> MotionLimits:
     """Return limits of a motion after a plan's: the speed of the tool, or of its rotation, that the plan's law was given."""
     if plan.speed is None:
         return limits
-    part = int(plan.certificate.tool_speed.value <= 0.5 * plan.speed)
-    reached = plan.certificate.extreme(TOOL_SPEEDS[part]).value
-    most, known = max(plan.speed * (1.0 + SPEED_MARGIN), float(reached)), limits.value(TOOL_SPEEDS[part])
-    return replace(limits, **{TOOL_SPEEDS[part]: most if known is None else np.minimum(known, most)})
+    name = TOOL_SPEEDS[int(plan.certificate.tool_speed.value <= 0.5 * plan.speed)]
+    most = max(plan.speed * (1.0 + SPEED_MARGIN), float(plan.certificate.extreme(name).value))
+    bound: Any = {name: most if limits.value(name) is None else np.minimum(limits.value(name), most)}
+    return replace(limits, **bound)
 
 
 def certify_motion(
@@ -109,7 +97,7 @@ def certify_motion(
     last = plan.joint_path.end if plan.span is None else plan.span[1]
     end = (last if kind is StopKind.END else plan.joint_path.end) if end is None else end
     if isinstance(request.law, RecordedLaw) and motion is not start.rest:
-        request = replace(request, law=request.law.as_run())
+        request = replace(request, law=RecordedLaw(Optimal.name, None, request.law.list_enforced(request.limits)))
     covering = replace(request, span=(start.at.s, max(start.at.s, end)), stop_kind=kind)
     return covering.certify_motion(plan.joint_path, motion, analysis=analysis)
 
@@ -151,8 +139,8 @@ def explain_infeasible(request: PlanRequest, start: MovingState, stop: bool) -> 
     ratio, joint = float(ratios.max()), names[int(ratios.argmax())]
     advice = "higher limits" if stop else "stop=True, or higher limits"
     if ratio > 1.0 + 1e-9:
-        both = _name_both(start.plan_limits, limits, robot, field, joint)
-        what = f"the state itself has {ratio:.6g} times the allowed {field.replace('_', ' ')} of {joint}{both}"
+        what = f"the state itself has {ratio:.6g} times the allowed {field.replace('_', ' ')} of {joint}"
+        what += _name_both(start, limits, field, joint)
         return NoSolution(f"{none}: {what}", s=start.at.s, joint=joint, advice=f"limits {ratio:.6g} times as high")
     if start.rest is None:
         return NoSolution(f"{none} was found", s=start.at.s, advice=advice)
@@ -162,15 +150,15 @@ def explain_infeasible(request: PlanRequest, start: MovingState, stop: bool) -> 
     field = max(proof.enforced, key=lambda f: float(np.nan_to_num(proof.worst(f)[0], posinf=np.inf)))
     ratio, joint, t = proof.worst(field)
     s = proof.s_at(t)
-    both = _name_both(start.plan_limits, limits, robot, field, joint)
-    what = f"the running motion reaches {ratio:.6g} times the {field.replace('_', ' ')} limit of {joint} at s = {s:.6g}{both}"
+    what = f"the running motion reaches {ratio:.6g} times the {field.replace('_', ' ')} limit of {joint} at s = {s:.6g}"
+    what += _name_both(start, limits, field, joint)
     return NoSolution(f"{none} was found; {what}", s=s, joint=joint, advice=advice)
 
 
-def _name_both(old: MotionLimits, new: MotionLimits, robot: Robot, field: str, joint: str) -> str:
-    """Return words for the limit of a joint, or of the tool, that was asked for, and for that of the plan, if they differ."""
-    if field not in (*DERIVATIVES, *TOOL_SPEEDS):
+def _name_both(start: MovingState, limits: MotionLimits, field: str, joint: str) -> str:
+    """Return words for the limit of a joint that was asked for, and for that of the plan, if they differ."""
+    robot = start.plan.robot
+    if field not in DERIVATIVES or start.plan_limits == limits:
         return ""
-    i = robot.joint_names.index(joint) if field in DERIVATIVES else 0
-    a, b = (np.max(symmetric_bound(x.bounds(robot.n)[field])[i:][:1]) for x in (new, old))
-    return "" if a == b else f" (limit {a:.6g}; {b:.6g} in the plan)"
+    low, high = (x.arrays(robot.n)[field][robot.joint_names.index(joint)] for x in (limits, start.plan_limits))
+    return f" (limit {low:.6g}; {high:.6g} in the plan)"

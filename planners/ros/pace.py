@@ -40,7 +40,7 @@ def fit_pace(motion: Motion, form: Form, rate: float | None, strict: bool) -> tu
     if isinstance(motion.path, ProgramPath):  # the arm rests at its stops only if points are there
         found = find_stops(motion.path, source, motion.span)[:-1]
         stops = np.array([t for stop in found for t in (stop.rest, stop.end)])
-        between = np.union1d(between, stops) if rate is not None else between
+        between = between if rate is None else np.union1d(between, stops)
     factor, margin = 1.0, 1e-12
     for _ in range(SLOWINGS):
         paced, times = _set_pace(source, rate, factor, between)
@@ -64,10 +64,9 @@ def _find_stretch(motion: Motion, executed: MotionAnalysis, judged: tuple[str, .
     path, trajectory = motion.path, executed.trajectory
     if not isinstance(path, ProgramPath):
         return stretch_factor(executed, motion.limits, judged)
-    knots, factors = trajectory.knots, [0.0]
-    times = [0.0, *(float(knots[np.abs(knots - t).argmin()]) for t in stops), trajectory.end]
     which = path.find_sections((0.0, path.end) if motion.span is None else motion.span)
-    for i, begin, end in zip(which, times[::2], times[1::2], strict=True):
+    factors = [0.0]
+    for i, begin, end in zip(which, [0.0, *stops[1::2]], [*stops[::2], trajectory.end], strict=True):
         limits, _ = conditions_of(path, i, motion.limits, None)
         own = MotionAnalysis(path.robots[i], cut_between(trajectory, begin, end), path.sections[i])
         factors.append(stretch_factor(own, limits, tuple(name for name in judged if name in limits.names)))

@@ -333,7 +333,7 @@ def test_a_point_that_repeats_the_one_before_is_merged_with_it() -> None:
     np.testing.assert_allclose(path.coefficients, plain.coefficients, atol=1e-12)
     assert path.vias[0].tolerance is None and len(path.vias) == 1
     found = plan(robot, path, limits=LIMITS)
-    assert "(4 points merged)" in str(found) and "merged" not in str(plan(robot, plain, limits=LIMITS))
+    assert "(points merged: 4)" in str(found) and "merged" not in str(plan(robot, plain, limits=LIMITS))
     assert np.abs(found.goal - goal).max() < 1e-12
     with pytest.raises(InvalidInput, match="only the start again"):
         PointToPoint(robot, HOME, HOME, HOME + 1e-9)
