@@ -107,7 +107,6 @@ class PointToPoint(PiecewisePath):
 
     name: ClassVar[str] = "point_to_point"
     notes: tuple[str, ...] = ()
-    dropped: tuple[int, ...] = ()
     in_joints = True
     points: Sequence[ViaPoint] = ()
     corners: Array | None = None  # (k, n), of the way around obstacles near which the path began

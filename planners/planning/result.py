@@ -122,7 +122,7 @@ class Plan:
     @property
     def _title(self) -> str:
         path, words = self.path, f" of {self.path.end:.3g} {self.path.unit}"
-        words += f" (points merged: {len(path.dropped)})" if getattr(path, "dropped", ()) else ""
+        words += f" (points merged: {len(path.dropped)})" if path.dropped else ""
         return f"{self.robot.name}, {type(path).__name__}{words}, {self.solver} + {self.law}"
 
     def _repr_html_(self) -> str:
