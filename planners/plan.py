@@ -135,7 +135,7 @@ def _plan_program(
     if branch is not None or avoid is not False:
         which, got = ("avoid", avoid) if branch is None else ("branch", branch)
         raise InvalidInput(which, repr(got)[:60], "none for a program: each part chooses for itself (Part.avoid)")
-    shared = {"solver": solver, "timing": timing, "samples": samples, "rate": rate, "allow": allow, "scene": scene}
+    shared = {"solver": solver, "timing": timing, "samples": samples, "rate": rate, "allow": allow}
     alone = partial(plan, strict=_check_options(duration, strict), winding=winding, **shared, **search)
     options = Options(solver, _check_limits(robot, limits), samples, Tolerance.of(tolerance), scene, winding, search)
     return plan_program(robot, program, q_start, alone, options, duration)

@@ -71,6 +71,7 @@ def describe_clearance(found: Any) -> str:
 
 def print_certificate(plan: Any, by_law: tuple[str, ...]) -> None:
     """Print a plan's certificate; `by_law` are the limits that its time law enforces."""
+    from planners.certificate.certificate import describe_scope
     from planners.limits import ALL_LIMITS, DERIVATIVES
 
     proof, off = plan.certificate, plan.certificate.path_error
@@ -78,6 +79,7 @@ def print_certificate(plan: Any, by_law: tuple[str, ...]) -> None:
     way = f"{1e3 * plan.path.end:.1f} mm" if plan.path.unit == "m" else f"{np.degrees(plan.path.end):.4g}°"
     arms, parts = getattr(plan.path, "robots", (plan.robot,)), getattr(plan, "parts", ())
     way = f"{format_count(len(parts), 'part')} in {format_count(len(arms), 'section')}" if parts else way
+    way += plan.describe_idle() if parts else ""
     title = f"{plan.solver} + {plan.law}: {way} in {proof.duration:.4f} s"
     table = Table("", "peak / limit", "joint", "time, s", f"enforced by {plan.law}", title=title)
     for field in limits:
@@ -91,6 +93,8 @@ def print_certificate(plan: Any, by_law: tuple[str, ...]) -> None:
         elif field in DERIVATIVES:
             table.add_row(name, "no limit", "", "", required)
     out_console.print(table)
+    for name in proof.exempt:
+        out_console.print(f"limit on {name.replace('_', ' ')}{describe_scope(proof, name)}")
     if plan.least_duration:
         out_console.print(f"least duration {plan.least_duration:.4f} s: the slowest joint alone, from rest to rest")
     out_console.print(

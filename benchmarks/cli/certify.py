@@ -77,7 +77,9 @@ class CertifyCommand(LimitsCommand, SceneCommand, TableCommand):
         "Path", "Path that the tool must follow: waypoints in a .csv as for `optik plan polyline`, or a saved motion."
     )
     tolerance: str = numbers("Path", "Largest distance [mm] and angle [degrees] of the tool from --path.", "1,0.5")
-    start_deg: str = numbers("Path", "Configuration at 0 s [degrees, prismatic mm], if the first point is later.", "")
+    start_deg: str | None = numbers(
+        "Path", "Configuration at 0 s [degrees, prismatic mm], if the first point is later."
+    )
     unwrap: str | None = option(
         "Path", "Joints whose jumps by whole turns are removed, comma-separated; none accepts them."
     )
@@ -144,7 +146,7 @@ class CertifyCommand(LimitsCommand, SceneCommand, TableCommand):
         """Return the motion of the file."""
         import planners
 
-        start = read_configuration(arm, self.start_deg) if self.start_deg.strip() else None
+        start = read_configuration(arm, self.start_deg) if self.start_deg is not None else None
         unwrap = () if self.unwrap == "none" else self.unwrap
         return planners.load_trajectory(
             self.file, arm, joint_names=self.read_joint_names(arm), start=start, unwrap=unwrap,

@@ -274,17 +274,16 @@ class Start(NamedTuple):
 class StartCommand(RobotCommand):
     """A command that starts at a configuration of a robot and solves inverse kinematics."""
 
-    start_deg: str = numbers(
+    start_deg: str | None = numbers(
         "Robot",
         "Start configuration [degrees, prismatic mm]: 20,-35,40; by default that of a program's file, the home, or a sample.",
-        "",
     )
     solver: str = option("Method", f"IK method, one of: {', '.join(optik.ik.solvers())}; or a file: ./jt.py.", "lm")
 
     def load_start(self) -> Start:
         """Load the robot, and return it with the typed start or its default start."""
         arm = self.load()
-        if self.start_deg.strip():
+        if self.start_deg is not None:
             return Start(arm, read_configuration(arm, self.start_deg), "")
         from optik.arm.library import read_home
 

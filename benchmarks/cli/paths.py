@@ -248,7 +248,7 @@ class PointToPointCommand(PlanCommand, TableCommand):
 
     def load_start(self) -> Start:
         """Load the robot; the start is that of the file."""
-        if self.start_deg.strip():
+        if self.start_deg is not None:
             raise InvalidInput("--start-deg", self.start_deg, "no start: the first row of --waypoints is the start")
         if self.branch is not None:
             raise InvalidInput("--branch", self.branch, "no branch: configurations are chosen over all points")

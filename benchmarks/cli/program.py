@@ -49,7 +49,7 @@ class ProgramCommand(PlanCommand):
         from planners.program.file import find_robot, load_program
 
         arm = self.load(self.robot or find_robot(self.file))
-        start = read_configuration(arm, self.start_deg) if self.start_deg.strip() else None
+        start = read_configuration(arm, self.start_deg) if self.start_deg is not None else None
         return load_program(self.file, arm, start)
 
     def load_start(self) -> Start:

@@ -33,7 +33,7 @@ class StreamCommand(LimitsCommand, TableCommand):
     latency: float = option("Options", "Time from the observation of a chunk to its arrival [s].", 0.1)
     pace: float = option("Options", "Largest rate of the chunks, over their own; above 1 to be faster.", 1.0)
     tolerance: float = option("Options", "Largest distance of a smoothed target [rad, prismatic m].", 0.005)
-    start_deg: str = option("Robot", "Start [degrees, prismatic mm]; by default the first target.", "")
+    start_deg: str | None = option("Robot", "Start [degrees, prismatic mm]; by default the first target.")
     out: Path | None = option("Output", "File for set-points and measured positions, FILE.csv.")
 
     def run(self) -> None:
@@ -49,7 +49,8 @@ class StreamCommand(LimitsCommand, TableCommand):
         arm = self.load()
         chunks = load_chunks(self.file, arm, self.rate, columns=self.columns)
         limits = MotionLimits.of(arm, **self.read_typed_limits(arm))
-        start = read_configuration(arm, self.start_deg) if self.start_deg.strip() else np.asarray(chunks[0].points)[0]
+        first = np.asarray(chunks[0].points)[0]
+        start = first if self.start_deg is None else read_configuration(arm, self.start_deg)
         drive = make_drive(self.on, arm)
         source = _Recording(chunks, self.latency)
         options: dict[str, Any] = {"limits": limits, "pace": self.pace, "tolerance": self.tolerance}

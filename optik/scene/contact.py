@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from dataclasses import replace
 from functools import lru_cache
 from math import sqrt
 from typing import TYPE_CHECKING, NamedTuple
@@ -11,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from optik import kinematics
 from optik.arm.shapes.check import Capsules
+from optik.arm.shapes.model import PAYLOAD
 from optik.compiled import compiled, inlined
 from optik.errors import InvalidInput
 from optik.kinematics import Chain, Triple
@@ -75,6 +78,16 @@ def find_pairs(robot: Robot, scene: Scene) -> Pairs:
     left_out = (*((*pair, why) for pair, why in left.items()), *shapes.left_out)
     bodies = np.array([(k, *kinds[j]) for k, j in met] + own, np.int64).reshape(-1, 3)
     return Pairs(bodies, tuple(names), left_out)
+
+
+def scene_for(robot: Robot, scene: Scene | None, arms: Iterable[Robot]) -> Scene | None:
+    """Return the scene for one of several arms: pairs in ``allow`` of a part that only another arm has are left out."""
+    if scene is None:
+        return None
+    own, *others = ({*arm.link_names, *(arm.shapes.names if arm.shapes else ())} for arm in (robot, *arms))
+    missing = set().union(*others, [PAYLOAD] if any(arm.payload is not None for arm in arms) else []) - own
+    allow = tuple(pair for pair in scene.allow if pair[0] not in missing)
+    return scene if allow == scene.allow else replace(scene, allow=allow)
 
 
 def check_scene(robot: Robot, scene: Scene | None) -> None:

@@ -342,6 +342,8 @@ class Cell:
         check_count(most_replans, "most_replans", 0)
         if corrections and functions["look"] is None and not self.drive.simulated:
             raise InvalidInput("look", "nothing, on a real drive", "a function that reads the tool, for corrections")
+        if readings > 1 and functions["look"] is not None:
+            raise InvalidInput("readings", f"{readings}, with look", "1: look may return arrays of several readings")
 
     def open(self, width: float | None = None) -> Outcome:
         """Open the gripper and release the held object.

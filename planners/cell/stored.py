@@ -9,7 +9,7 @@ import numpy as np
 from optik.errors import InvalidInput, NoSolution
 from optik.ik import get_solver
 from planners.certificate.certificate import check_valid
-from planners.certificate.sections import cut_between, find_stops, limits_of_parts
+from planners.certificate.sections import conditions_of, cut_between, find_stops
 from planners.certificate.violation import Allow
 from planners.following.failure import joint_unit
 from planners.following.follow import DEFAULT_TOLERANCE, JointPath, follow
@@ -97,12 +97,13 @@ def _plan_sections(motion: Motion, path: ProgramPath, solver: str, allow: Allow)
     """Return the plan of a program's motion from the plans of its sections; its events keep their times."""
     times, sections = find_stops(path, motion.trajectory, motion.span), []
     for i, (begin, rest, _) in enumerate(times):
-        limits = limits_of_parts(motion.limits, path.firsts[i], path.firsts[i + 1])
+        limits, scene = conditions_of(path, i, motion.limits, motion.scene)
         own = replace(
-            motion, robot=path.robots[i], path=path.sections[i], limits=limits, events=(),
-            trajectory=cut_between(motion.trajectory, begin, rest), span=None,
+            motion, robot=path.robots[i], path=path.sections[i], limits=limits, scene=scene, events=(), span=None,
+            enforced=tuple(name for name in motion.enforced if name in limits.names),
+            trajectory=cut_between(motion.trajectory, begin, rest),
         )  # fmt: skip
         sections.append(restore_plan(own, solver=solver, allow=allow))
     waits = [0.0, *(time.end - time.rest for time in times)]
     events = tuple(TimedEvent(event.t, event.signal, event.value) for event in motion.events)
-    return replace(build_plan(sections, waits, (), (), motion.limits), scheduled=events)
+    return replace(build_plan(sections, waits, (), (), motion.limits, motion.scene), scheduled=events)

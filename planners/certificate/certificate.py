@@ -58,6 +58,8 @@ class Certificate:
         model of the arm's masses; NaN if they are not limited.
     extra : mapping of str to Extreme or ToolExtreme
         Peak values of further kinds of limits, by name (``MotionLimits(extra=...)``).
+    exempt : mapping of str to tuple of int
+        Sections of a program, from 0, in which a limit on goods does not apply because nothing is carried, by its name.
     energy : Energy or None
         Mechanical energy and largest power found; None if neither the torque nor its rate is limited.
     friction_steps : tuple of FrictionStep
@@ -116,6 +118,7 @@ class Certificate:
     motion: MotionAnalysis = dataclasses.field(repr=False)
     parts: tuple[LimitedPart, ...] = dataclasses.field(repr=False)
     extra: Mapping[str, Extreme | ToolExtreme] = dataclasses.field(default_factory=dict)
+    exempt: Mapping[str, tuple[int, ...]] = dataclasses.field(default_factory=dict)
     energy: Energy | None = None
     friction_steps: tuple[FrictionStep, ...] = ()
     clearance: Clearance | None = None
@@ -275,6 +278,7 @@ class Certificate:
             "tolerance": None if self.tolerance is None else list(self.tolerance),
         }  # fmt: skip
         out |= {name: self.extreme(name).to_dict() for name in (*ALL_LIMITS, *self.extra)}
+        out["exempt"] = {name: list(sections) for name, sections in self.exempt.items()}
         out["energy"] = None if self.energy is None else self.energy._asdict()
         out["friction_steps"] = [step._asdict() for step in self.friction_steps]
         out |= {"sampled_jerk": plain(self.sampled_jerk), "position_margin": plain(self.position_margin)}
@@ -303,11 +307,18 @@ def limit_bars(proof: Certificate) -> list[Bar]:
     found = {name: proof.worst(name) for name in (*ALL_LIMITS, *proof.extra)}
     bounded = {name: one for name, one in found.items() if not np.isnan(one[0])}
     bars = [
-        Bar(name, ratio, f"{subject} at {t:.3g} s{'' if name in proof.enforced else ', not enforced'}")
+        Bar(name, ratio, f"{subject} at {t:.3g} s{describe_scope(proof, name)}")
         for name, (ratio, subject, t) in bounded.items()
     ]
     least = sorted((bar.ratio for bar in bars), reverse=True)[:MOST_LIMITS]
     return [bar for bar in bars if bar.ratio >= least[-1]]
+
+
+def describe_scope(proof: Certificate, name: str) -> str:
+    """Return words if a limit is not enforced, and for the sections in which it does not apply, counted from 1."""
+    sections = ", ".join(str(i + 1) for i in proof.exempt.get(name, ()))
+    enforced = "" if name in proof.enforced else ", not enforced"
+    return enforced + (f", not in sections {sections}, where nothing is carried" if sections else "")
 
 
 def _limit_lines(proof: Certificate) -> list[str]:
@@ -378,15 +389,15 @@ def active_constraints(parts: tuple[LimitedPart, ...], t: Array, s: Array) -> Bi
 
     Joint ratios are exact; tool ratios are taken at both ends of each segment.
     """
-    robot, kinds = parts[0].motion.robot, parts[-1].limits.kinds
-    each = [(part.motion.bare(), part.limits.bounds(robot.n)) for part in parts]
-    rows = [[kind.piece_ratios(motion, bounds[kind.name]) for kind in kinds] for motion, bounds in each]
-    ratios = np.concatenate([np.concatenate(ratios, axis=1) for ratios in rows], axis=0)
-    bounds = each[-1][1]
-    columns = [(kind.name, subject) for kind in kinds for subject in kind.subjects(robot, bounds[kind.name])]
-    which = ratios.argmax(axis=1)
-    limit, joint = zip(*(columns[i] for i in which), strict=True)
-    return Binding(t, s, np.diff(s) / np.diff(t), ratios[np.arange(which.size), which], limit, joint)
+    found = list[tuple[float, str, str]]()
+    for part in parts:
+        motion, bounds = part.motion.bare(), part.limits.bounds(part.motion.robot.n)
+        each = [(kind, bounds[kind.name]) for kind in part.limits.kinds]
+        ratios = np.concatenate([kind.piece_ratios(motion, bound) for kind, bound in each], axis=1)
+        columns = [(kind.name, subject) for kind, b in each for subject in kind.subjects(motion.robot, b)]
+        found += [(float(row[i]), *columns[i]) for row, i in zip(ratios, ratios.argmax(axis=1), strict=True)]
+    ratio, limit, joint = zip(*found, strict=True)
+    return Binding(t, s, np.diff(s) / np.diff(t), np.array(ratio), limit, joint)
 
 
 def find_forbidden(proof: Certificate, allow: Allow) -> tuple[Violation, ...]:

@@ -31,7 +31,7 @@ from planners.certificate.effort import energy, friction_steps
 from planners.certificate.frechet import waypoint_error
 from planners.certificate.path_error import PathError
 from planners.certificate.projection import NEAREST_TURN
-from planners.certificate.sections import cut_between, find_stops, limits_of_parts, merge_certificates, select_worse
+from planners.certificate.sections import conditions_of, cut_between, find_stops, merge_certificates, select_worse
 from planners.limits import ALL_LIMITS, LOADED, MotionLimits, check_path, kind_of
 from planners.paths.base import Path
 from planners.paths.program import ProgramPath
@@ -111,9 +111,12 @@ def _certify_sections(
     for i, (begin, _, end) in zip(which, times, strict=True):
         motion = cut_between(trajectory, begin, end)
         a, b = (float(np.clip(s - path.starts[i], 0.0, path.sections[i].end)) for s in span)
-        own, changed = limits_of_parts(limits, path.firsts[i], path.firsts[i + 1]), before if i == which[0] else None
-        proofs.append(certify(path.robots[i], path.sections[i], motion, own, span=(a, b), before=changed, **criteria))
-    return merge_certificates(path.robots[0], path.starts[which], trajectory, proofs, [time.begin for time in times])
+        own, scene = conditions_of(path, i, limits, criteria["scene"])
+        enforced = tuple(name for name in criteria["enforced"] if name in own.names)
+        given = criteria | {"span": (a, b), "before": before if i == which[0] else None}
+        given |= {"scene": scene, "enforced": enforced}
+        proofs.append(certify(path.robots[i], path.sections[i], motion, own, **given))
+    return merge_certificates(path, which, trajectory, proofs, [time.begin for time in times], limits)
 
 
 def _check_part(
@@ -224,7 +227,7 @@ def _check_kinds(robot: Robot, path: Path | None, trajectory: Trajectory, limits
     if path is not None:
         check_path(limits, path)
     bounds = limits.bounds(robot.n)
-    for name in limits.extra or ():
+    for name in () if isinstance(path, ProgramPath) else limits.extra or ():  # whose sections have arms of their own
         kind_of(name).check_robot(robot, bounds[name])
     return limits
 

@@ -11,6 +11,8 @@ import numpy as np
 
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
+from optik.scene import Scene
+from optik.scene.contact import scene_for
 from optik.types import Array, Flags
 from planners.certificate.analysis import MotionAnalysis
 from planners.certificate.certificate import Certificate, LimitedPart
@@ -24,7 +26,7 @@ from planners.certificate.checks import (
 from planners.certificate.clearance import Clearance
 from planners.certificate.effort import Energy
 from planners.certificate.path_error import PathError
-from planners.limits import ALL_LIMITS, TOOL_SPEEDS, Extreme, MotionLimits, ToolExtreme
+from planners.limits import ALL_LIMITS, TOOL_SPEEDS, Extreme, MotionLimits, ToolExtreme, kind_of
 from planners.paths.program import ProgramPath
 from planners.trajectory import Trajectory, cut_after, cut_before
 
@@ -43,6 +45,24 @@ def limits_of_parts(limits: MotionLimits, a: int, b: int) -> MotionLimits:
         if np.ndim(value := limits.value(name)):
             own[name] = value[a:b] if np.isfinite(value[a:b]).any() else None
     return replace(limits, **own) if own else limits
+
+
+Conditions = tuple[MotionLimits, Scene | None]
+"""Limits and scene of a motion."""
+
+
+def conditions_for(robot: Robot, arms: Sequence[Robot], limits: MotionLimits, scene: Scene | None) -> Conditions:
+    """Return limits and scene for one arm of a program: none on goods where nothing is carried, if another arm carries some."""
+    kept = tuple(name for name in limits.names if not kind_of(name).on_goods)
+    if kept != limits.names and robot.payload is None and any(arm.payload is not None for arm in arms):
+        limits = limits.select(kept)
+    return limits, scene_for(robot, scene, arms)
+
+
+def conditions_of(path: ProgramPath, i: int, limits: MotionLimits, scene: Scene | None) -> Conditions:
+    """Return limits and scene of a section, from those of the whole program."""
+    own = limits_of_parts(limits, path.firsts[i], path.firsts[i + 1])
+    return conditions_for(path.robots[i], path.robots, own, scene)
 
 
 class SectionTimes(NamedTuple):
@@ -98,18 +118,25 @@ def cut_between(trajectory: Trajectory, begin: float, end: float) -> Trajectory:
 
 
 def merge_certificates(
-    robot: Robot, starts: Array, trajectory: Trajectory, proofs: Sequence[Certificate], begins: Sequence[float]
-) -> Certificate:
-    """Return the certificate of a motion from those of its sections, which begin at these path parameters and times."""
+    path: ProgramPath, which: range, trajectory: Trajectory, proofs: Sequence[Certificate], begins: Sequence[float],
+    limits: MotionLimits,
+) -> Certificate:  # fmt: skip
+    """Return the certificate of a motion from those of these sections, which begin at these times; limits of the whole."""
+    robot, starts = path.robots[0], path.starts[which]
     first, motion = proofs[0], MotionAnalysis(robot, trajectory)
     tolerances = [proof.tolerance for proof in proofs if proof.tolerance is not None]
     tolerance = max(tolerances, key=lambda each: each.position, default=None)
     enforced = dict.fromkeys(name for proof in proofs for name in proof.enforced)
     shift = list(zip(proofs, begins, starts, strict=True))
 
+    extra = tuple(limits.extra or ())
+    missing = {name: tuple(i for i, p in zip(which, proofs, strict=True) if name not in p.extra) for name in extra}
+
     def worst(name: str) -> Any:
-        each: list[Any] = [proof.extreme(name) for proof in proofs]
-        found = reduce(select_worse, [x._replace(time=x.time + t) for x, t in zip(each, begins, strict=True)])
+        known: list[Any] = [getattr(proof, name, None) or proof.extra.get(name) for proof in proofs]
+        each = [x._replace(time=x.time + t) for x, t in zip(known, begins, strict=True) if x]
+        each = each or [ToolExtreme(np.nan, np.nan, 0.0)]
+        found = reduce(select_worse, each)
         value = np.max([x.value for x in each], axis=0)  # which may be in a section with a higher limit
         return found._replace(value=value if isinstance(found, Extreme) else float(value))
 
@@ -126,7 +153,7 @@ def merge_certificates(
         jump=largest_jump(trajectory, motion.jumps), rest=motion.rest,
         clearance=_merge_clearances([p.clearance for p in proofs], begins),
         **{name: worst(name) for name in ALL_LIMITS},
-        extra={name: worst(name) for name in first.extra},
+        extra={name: worst(name) for name in extra}, exempt={name: each for name, each in missing.items() if each},
         motion=motion.bare(), parts=tuple(parts), energy=_merge_energy([p.energy for p in proofs], begins),
         friction_steps=tuple(steps),
     )  # fmt: skip

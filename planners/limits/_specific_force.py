@@ -44,6 +44,7 @@ class SpecificForceLimit(SampledLimit):
 
     order: ClassVar[int] = 2
     homogeneous: ClassVar[bool] = False
+    on_goods: ClassVar[bool] = True
     units: ClassVar[tuple[str, str]] = ("1", "1")
 
     # ------------------------------------------------------------ what a member defines

@@ -95,6 +95,8 @@ class Limit(ABC):
         Whether the bound may be a pair (lower, upper). If so, all methods also take a bound of shape (2, n), lower first.
     homogeneous : bool
         Whether the whole value scales with time; False for the torque, which includes gravity.
+    on_goods : bool
+        Whether it limits what the arm carries: in a program with payloads it does not apply where nothing is carried.
     """
 
     name: ClassVar[str]
@@ -103,6 +105,7 @@ class Limit(ABC):
     subject: ClassVar[str | None] = None
     sided: ClassVar[bool] = False
     homogeneous: ClassVar[bool] = True
+    on_goods: ClassVar[bool] = False
 
     # ------------------------------------------------------------ the bound, as given and in files
 

@@ -55,8 +55,7 @@ class VelocityByPositionLimit(RecordLimit):
     def _ratio(self, robot: Robot, bound: Any, q: Array, v: Array, still: Array | float) -> Array:
         """Return |v| over the greatest speeds; infinite where a joint moves and none is allowed."""
         most = self._most(robot, bound, q, v > 0.0)
-        with np.errstate(divide="ignore"):
-            ratio = np.where(most > 0.0, np.abs(v) / np.maximum(most, 0.0), np.inf)
+        ratio = np.where(most > 0.0, np.abs(v) / np.where(most > 0.0, most, 1.0), np.inf)
         return np.where(np.abs(v) > still, ratio, 0.0)
 
     def rows(self, at: PathPoints, bound: Any) -> Array:
@@ -120,10 +119,11 @@ class VelocityByPositionLimit(RecordLimit):
             return
         k, i = (int(x) for x in np.argwhere(blocked)[0])
         gap, up = bound.offset[i] ** 2 / (2.0 * bound.deceleration[i]), bool(q1[k, i] > 0.0)
-        nearest = robot.limits.upper[i] - gap if up else robot.limits.lower[i] + gap
+        end = robot.limits.upper[i] if up else robot.limits.lower[i]
+        nearest = end - gap if up else end + gap
         raise NoSolution(
-            f"{robot.joint_names[i]} moves to its {'upper' if up else 'lower'} end at {q[k, i]:.6g}, where its velocity limit "
-            f"by position is 0; it is above 0 {'below' if up else 'above'} {nearest:.6g}",
+            f"{robot.joint_names[i]} moves at {q[k, i]:.6g} to the {'upper' if up else 'lower'} end {end:.6g} of its range, "
+            f"where its velocity limit by position is 0; it is above 0 {'below' if up else 'above'} {nearest:.6g}",
             s=float(s[k]), joint=robot.joint_names[i], advice=f"an end {'below' if up else 'above'} {nearest:.6g}",
         )  # fmt: skip
 

@@ -12,7 +12,7 @@ from optik.check import check_number
 from optik.errors import InvalidInput
 from optik.ik.base import Tolerance
 from optik.scene import Scene
-from optik.scene.contact import check_scene
+from optik.scene.contact import check_scene, scene_for
 from planners.certificate.certificate import Certificate, check_valid
 from planners.certificate.certification import certify
 from planners.certificate.checks import check_span
@@ -116,7 +116,9 @@ class Motion:
             object.__setattr__(self, "span", check_span(self.span, self.path))
         if self.speed is not None:
             object.__setattr__(self, "speed", check_number(self.speed, "speed", "a tool speed above 0", above=0.0))
-        check_scene(self.robot, self.scene)
+        arms = getattr(self.path, "robots", (self.robot,))
+        for arm in dict.fromkeys(arms):
+            check_scene(arm, scene_for(arm, self.scene, arms))
 
     @cached_property
     def certificate(self) -> Certificate:

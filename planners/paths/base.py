@@ -95,6 +95,8 @@ class Path(Curve):
         Whether a certificate finds s from the joints instead of the tool, which may rest on such a path.
     density : float
         Grid intervals of the law `optimal` over its default: narrow corners need more.
+    dropped : tuple of int
+        Indices of given points that were merged with their neighbours.
     """
 
     parameter = "s"
@@ -103,6 +105,7 @@ class Path(Curve):
     segments = 1
     in_joints = False
     density = 1.0
+    dropped: tuple[int, ...] = ()
     name: ClassVar[str]
 
     def __repr__(self) -> str:

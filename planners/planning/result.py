@@ -121,8 +121,9 @@ class Plan:
 
     @property
     def _title(self) -> str:
-        path = self.path
-        return f"{self.robot.name}, {type(path).__name__} of {path.end:.3g} {path.unit}, {self.solver} + {self.law}"
+        path, words = self.path, f" of {self.path.end:.3g} {self.path.unit}"
+        words += f" (points merged: {len(path.dropped)})" if path.dropped else ""
+        return f"{self.robot.name}, {type(path).__name__}{words}, {self.solver} + {self.law}"
 
     def _repr_html_(self) -> str:
         """Return verdict, peaks and plots for a notebook."""

@@ -46,8 +46,8 @@ class PathEvent:
         The value that it takes.
     fraction : float, optional
         Fraction of the part's length [1], instead of a distance.
-    before : float
-        Time by which it is earlier than the tool is there [s], for a valve or a gun with a delay.
+    before, after : float
+        Time by which it is earlier than the tool is there [s], for a valve or a gun with a delay; or by which it is later.
     """
 
     part: int | str
@@ -56,10 +56,12 @@ class PathEvent:
     value: Any = 1
     fraction: float | None = None
     before: float = 0.0
+    after: float = 0.0
 
     def __post_init__(self) -> None:
         check_signal(self.signal, self.value)
-        check_number(self.before, "before", "a time [s], at least 0", least=0.0)
+        for name in ("before", "after"):
+            check_number(getattr(self, name), name, "a time [s], at least 0", least=0.0)
         if (self.distance is None) == (self.fraction is None):
             raise InvalidInput("distance", f"{self.distance}, and fraction={self.fraction}", "one of the two")
         if self.distance is not None:
@@ -177,7 +179,7 @@ def _bend(parts: tuple[Any, ...], corners: tuple[Corner, ...], path: Path, i: in
         if corner.part == i and corner.begin < s:
             near = _find_nearest(corner, path, sharp.path)
             return float(corner.begin + (s - corner.begin) * (near - corner.begin) / (sharp.end - corner.begin))
-        if corner.part == i - 1 and s < corner.end:
+        if corner.part < i and s < corner.end:
             near = _find_nearest(corner, path, sharp.path)
             return float(near + (s - sharp.end) * (corner.end - near) / (corner.end - sharp.end))
     return s
@@ -229,9 +231,10 @@ def find_time(plan: Plan, joints: JointPath, start: float, s: float, when: Secti
     return float(at)
 
 
-def round_to_periods(events: list[Event], period: float | None) -> tuple[Event, ...]:
-    """Return events in their order in time, each at a whole number of periods if there is one."""
+def round_to_periods(events: list[Event], period: float | None, end: float) -> tuple[Event, ...]:
+    """Return events in their order in time, each at a whole number of periods, up to the motion's end, if there is one."""
     if period is not None:
-        whole = [period * round(event.t / period) for event in events]
+        last = int(end / period * (1.0 + PASSED))
+        whole = [period * min(round(event.t / period), last) for event in events]
         events = [event._replace(t=t, shift=t - event.t) for event, t in zip(events, whole, strict=True)]
     return tuple(sorted(events, key=lambda event: event.t))

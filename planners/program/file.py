@@ -68,7 +68,7 @@ CHANGE_KEYS = ("tool", "payload_kg", "payload_com_mm")
 """Keys of a change of the tool."""
 ALL_KEYS = (*GOALS, "dwell_s", *CHANGE_KEYS, *PART_KEYS, *itertools.chain(*MOVE_KEYS.values()))
 """All keys of parts."""
-EVENT_KEYS = ("part", "distance_mm", "fraction", "spacing_mm", "time_s", "signal", "value", "before_s")
+EVENT_KEYS = ("part", "distance_mm", "fraction", "spacing_mm", "time_s", "signal", "value", "before_s", "after_s")
 """Keys of an event."""
 UNITS = {"_mm_s": (1e-3, "mm/s"), "_deg_s": (np.pi / 180.0, "°/s"), "_mm": (1e-3, "mm"), "_deg": (np.pi / 180.0, "°"),
          "_kg": (1.0, "kg"), "_s": (1.0, "s")}  # fmt: skip
@@ -315,8 +315,6 @@ class _Reader:
         if kind == "configuration":
             return self._read_configuration(robot, row[kind], kind)
         if kind == "vector_mm":
-            if not any(read_vector(row[kind], kind)):
-                raise InvalidInput(kind, row[kind], "a vector that is not 0")
             return Move(read_vector(row[kind], kind) * 1e-3, row.get("frame", "tool"))
         if kind == "start_of":
             return self._find_start(robot, row, pose, rows)
@@ -402,9 +400,10 @@ class _Reader:
             keys = ", ".join(row) or "no keys"
             raise InvalidInput("event", keys, "signal; and time_s, or part with distance_mm, fraction or spacing_mm")
         (kind,), signal, value = places, row["signal"], row.get("value", 1)
-        given, before = None if kind == "fraction" else self._number(row, kind), self._number(row, "before_s")
-        if before is not None and kind in ("time_s", "spacing_mm"):
-            raise InvalidInput("before_s", f"{row['before_s']!r} with {kind}", "none, or distance_mm or fraction")
+        given = None if kind == "fraction" else self._number(row, kind)
+        shifts: dict[str, Any] = {key[:-2]: self._number(row, key) for key in ("before_s", "after_s") if key in row}
+        for key in shifts if kind in ("time_s", "spacing_mm") else ():
+            raise InvalidInput(f"{key}_s", f"{row[f'{key}_s']!r} with {kind}", "none, or distance_mm or fraction")
         if complete and kind != "time_s":
             self._check_place(row["part"], kind, row[kind])
         part = row["part"] - 1 if type(row.get("part")) is int else row.get("part")
@@ -412,7 +411,7 @@ class _Reader:
             return TimedEvent(given or 0.0, signal, value)
         if kind == "spacing_mm":
             return PeriodicEvent(part, given or 0.0, signal, value)
-        return PathEvent(part, given, signal, value, row.get("fraction"), before or 0.0)
+        return PathEvent(part, given, signal, value, row.get("fraction"), **shifts)
 
     def _check_place(self, which: Any, key: str, value: float) -> None:
         """Raise InvalidInput for a place that is not on its part, as far as that is known before planning."""

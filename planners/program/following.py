@@ -15,6 +15,7 @@ from optik.ik import SolverLike, Tolerance, get_solver
 from optik.ik.problem import check_start
 from optik.scene import Scene
 from optik.types import Array
+from planners.certificate.sections import Conditions, conditions_for
 from planners.following.branches import find_branches
 from planners.following.collision import CollisionCheck
 from planners.following.failure import PlanFailure
@@ -28,6 +29,7 @@ from planners.paths.free_path import FreePath
 from planners.paths.goal import unwind
 from planners.paths.joint_curve import JointCurve
 from planners.paths.joint_line import JointLine
+from planners.paths.poses import NO_LENGTH
 from planners.planning.result import Plan
 from planners.program.parts import Part, Program, ToolChange, find_path
 
@@ -61,7 +63,10 @@ class Options(NamedTuple):
 
 
 class Leg(NamedTuple):
-    """A part that was followed: its arm, path, joint path if the path is Cartesian, and the configurations at its ends."""
+    """A part that was followed: its arm, path, joint path if the path is Cartesian, and the configurations at its ends.
+
+    A path of length 0 has no joint path: there is nothing to do.
+    """
 
     part: int
     robot: Robot
@@ -110,6 +115,9 @@ class PartFollower:
             if failed is not None:
                 return legs, failed
             q = run[-1].ends[1]
+        if not any(leg.path.end > NO_LENGTH for leg in legs):
+            robot, path, q = legs[0].robot, legs[0].path, None if legs[0].path.in_joints else legs[0].ends[0]
+            return legs, self.explain(0, path, self._follow_path(robot, path, q, None).failure)
         return legs, None
 
     def _follow_run(self, k: int, q: Array | None) -> tuple[list[Leg], FailedPart | None]:
@@ -153,7 +161,8 @@ class PartFollower:
     def _list_candidates(self, k: int, q: Array | None) -> list[Array] | None:
         """Return the configurations among which a part chooses, of its start or of its goal; None if there is no choice."""
         part, robot = self.program.parts[k], self.robots[k]
-        rooms = None if self.options.scene is None else CollisionCheck(robot, self.options.scene).find_rooms
+        _, scene = self.find_conditions(robot)
+        rooms = None if scene is None else CollisionCheck(robot, scene).find_rooms
         if q is None:
             if not isinstance(part.goal, Path):
                 raise InvalidInput(
@@ -163,8 +172,9 @@ class PartFollower:
             return [own[0]] if own is not None else self._find_starts(robot, part.goal, None, rooms)
         if part.move != "joint":  # for which a configuration is chosen
             return None
-        after = [i for i in (k + 1,) if i < len(self.robots) and self.robots[i] is robot]
-        path = find_path(self.program.parts[after[0]], part.goal) if after else None
+        after = zip(self.program.parts[k + 1 :], self.robots[k + 1 :], strict=True)
+        paths = (find_path(other, part.goal) for other, arm in after if arm is robot)
+        path = next((path for path in paths if path is None or path.end > NO_LENGTH), None)
         found = [] if path is None else self._find_starts(robot, path, q, rooms)
         if found:
             return found
@@ -181,14 +191,12 @@ class PartFollower:
         followed = self._follow_path(robot, path, q, "best")
         return [] if followed.joint_path is None else [followed.joint_path.q[0]]
 
-    def _follow_path(self, robot: Robot, path: Path, q: Array | None, branch: str) -> Any:
+    def _follow_path(self, robot: Robot, path: Path, q: Array | None, branch: str | None) -> Any:
         options = self.options
         share = options.tolerance.scale(0.5 * FOLLOWED)
         samples = min(options.samples, MOST_SAMPLES_A_PART)
-        solver = get_solver(robot, options.solver)
-        return follow(
-            solver, path, q, branch=branch, samples=samples, tolerance=share, scene=options.scene, **options.search
-        )
+        solver, (_, scene) = get_solver(robot, options.solver), self.find_conditions(robot)
+        return follow(solver, path, q, branch=branch, samples=samples, tolerance=share, scene=scene, **options.search)
 
     def _follow_part(self, k: int, q: Array | None, chosen: Array | None) -> Leg | FailedPart:
         """Return a part followed from a configuration; `chosen` is the one of its goal, or of its start if there is none."""
@@ -210,9 +218,11 @@ class PartFollower:
                 end = check_start(robot, goal, "goal")
                 path = JointLine(robot, q, unwind(robot, end, q) if self.options.winding == "nearest" else end)
             self._check_gap(k, path, q)
+            if not path.end > NO_LENGTH:
+                return Leg(k, robot, path, None, (q, q))
             if part.avoid is not False or isinstance(path, FreePath):
-                return self._plan_alone(k, path if chosen is None and isinstance(goal, Path) else None, q, chosen)
-            followed = self._follow_path(robot, path, None if path.in_joints else q, None)  # type: ignore[arg-type]
+                return self._plan_part(k, path if chosen is None and isinstance(goal, Path) else None, q, chosen)
+            followed = self._follow_path(robot, path, None if path.in_joints else q, None)
         except InvalidInput as error:
             if error.argument.startswith(label):
                 raise
@@ -237,18 +247,18 @@ class PartFollower:
             if not path.in_joints and (moved > MOST_MOVED * GAP).any():
                 got = f"one that begins {far:.3g} (rad, m) from the joints at {self._before(k)}: the arm is nearly singular"
                 raise InvalidInput(self.program.label(k), got, "a path that begins there")
-        followed = self._follow_path(robot, closed, None, None)  # type: ignore[arg-type]
+        followed = self._follow_path(robot, closed, None, None)
         return (path, joints) if followed.failure is not None else (closed, followed.joint_path)
 
     def _before(self, k: int) -> str:
         """Return words for where a part begins."""
         return f"the end of {self.program.label(k - 1)}" if k else "q_start"
 
-    def _plan_alone(self, k: int, path: Path | None, q: Array, chosen: Array | None) -> Leg | FailedPart:
+    def _plan_part(self, k: int, path: Path | None, q: Array, chosen: Array | None) -> Leg | FailedPart:
         """Return a part whose path is chosen by its own plan: with freedoms, or around obstacles."""
         part, robot, tolerance = self.program.parts[k], self.robots[k], self.options.tolerance
         goal = path if path is not None else part.goal if chosen is None else chosen
-        found = self.alone(robot, goal, q, limits=self.find_limits(part), avoid=part.avoid, tolerance=tolerance)
+        found = self.plan_alone(robot, goal, q, self.find_limits(part), avoid=part.avoid, tolerance=tolerance)
         if not found:
             assert found.failure is not None
             return self.explain(k, found.path, found.failure, found.prefix)
@@ -276,7 +286,7 @@ class PartFollower:
 
     def _say_tried(self, failed: FailedPart, k: int, followed: int, count: int) -> FailedPart:
         """Return a failure with the number of configurations that were tried."""
-        if count == 1 or failed.failure.status == PlanStatus.NO_LENGTH:  # which no configuration changes
+        if count == 1:
             return failed
         what = f"parts {k + 1} to {k + followed + 1}" if followed else "it"
         where = (
@@ -289,6 +299,15 @@ class PartFollower:
         """Return the limits of a part alone."""
         own: dict[str, Any] = {n: value for n in TOOL_SPEEDS if (value := self.find_speed(part, n)) is not None}
         return replace(self.options.limits, **own) if own else self.options.limits
+
+    def plan_alone(self, robot: Robot, path: Any, q: Array | None, limits: MotionLimits, **given: Any) -> Plan:
+        """Return the plan of a path for one arm of the program."""
+        limits, scene = self.find_conditions(robot, limits)
+        return self.alone(robot, path, q, limits=limits, scene=scene, **given)
+
+    def find_conditions(self, robot: Robot, limits: MotionLimits | None = None) -> Conditions:
+        """Return limits, by default those of the whole program, and the scene for one of its arms."""
+        return conditions_for(robot, self.robots, limits or self.options.limits, self.options.scene)
 
     def find_speed(self, part: Part, name: str) -> float | None:
         """Return the lesser of a part's tool speed and the one of the whole program."""

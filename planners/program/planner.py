@@ -22,6 +22,7 @@ from planners.motion import PlanStatus
 from planners.paths.joint_curve import JointCurve
 from planners.paths.joint_line import JointLine
 from planners.paths.point_to_point import PointToPoint
+from planners.paths.poses import NO_LENGTH
 from planners.planning.result import Plan, PlanSeconds
 from planners.program.following import FailedPart, Leg, Options, PartFollower, PlanAlone
 from planners.program.joining import Corner, Sharp, join_parts, round_corners, sharpen
@@ -74,10 +75,12 @@ class ProgramPlanner:
         why = failed.failure
         solver, law = self._names(sections)
         names = [part.name for part in self.program.parts]
+        robot = self.follower.robots[why.part or 0]
+        _, scene = self.follower.find_conditions(robot)
         parts = tuple(PartRecord(names[leg.part], leg.path, -1, 0.0, 0.0, leg.joint_path) for leg in legs)
         return ProgramPlan(
-            self.follower.robot, failed.path, self.options.limits, PlanStatus(why.status), solver, law, failed.prefix, why,
-            None, None, scene=self.options.scene, sections=tuple(sections), parts=parts, size=len(names),
+            robot, failed.path, self.options.limits, PlanStatus(why.status), solver, law, failed.prefix, why,
+            None, None, scene=scene, sections=tuple(sections), parts=parts, size=len(names),
         )  # fmt: skip
 
     def _names(self, sections: Sequence[Plan]) -> tuple[str, str]:
@@ -93,7 +96,7 @@ class ProgramPlanner:
         sections: list[Plan] = []
         parts: list[PartRecord] = []
         corners: list[Corner] = []
-        limits, at = self._whole_limits(), 0.0
+        limits, at = self._whole_limits(legs), 0.0
         for group in self._split(legs):
             for planned in self._plan_group(group):
                 if isinstance(planned, FailedPart):
@@ -106,24 +109,28 @@ class ProgramPlanner:
                     parts.append(
                         PartRecord(name, plan.path if alone else leg.path, len(sections), at + a, at + b, joints)
                     )
-                first = chosen[0].part
-                corners += [replace(c, part=c.part + first, begin=c.begin + at, end=c.end + at) for c in own]
+                corners += [replace(c, part=chosen[c.part].part, begin=c.begin + at, end=c.end + at) for c in own]
                 sections.append(plan)
                 at += plan.path.end
-        return build_plan(sections, self._waits(parts), parts, corners, limits)
+        for leg in legs:
+            if not leg.path.end > NO_LENGTH:
+                section, at = (parts[leg.part - 1].section, parts[leg.part - 1].end) if leg.part else (-1, 0.0)
+                parts.insert(leg.part, PartRecord(self.program.parts[leg.part].name, leg.path, section, at, at))
+        return build_plan(sections, self._waits(parts), parts, corners, limits, self.options.scene)
 
     def _split(self, legs: Sequence[Leg]) -> Iterator[list[Leg]]:
-        """Return the parts between two programmed stops."""
+        """Return the parts between two programmed stops that move the arm."""
         group: list[Leg] = []
         for leg in legs:
-            group.append(leg)
-            if self.program.parts[leg.part].blend == 0.0:
+            group += [leg] if leg.path.end > NO_LENGTH else []
+            if group and self.program.parts[leg.part].blend == 0.0:
                 yield group
                 group = []
 
     def _plan_group(self, legs: list[Leg]) -> Iterator[tuple[Plan, Array, list[Corner], list[Leg]] | FailedPart]:
         """Return the sections of parts with zones between: one, or more where a corner has to be a stop."""
-        zones = [self.program.parts[leg.part].zone for leg in legs[:-1]]
+        parts = self.program.parts
+        zones = [np.min([part.zone for part in parts[a.part : b.part]], axis=0) for a, b in itertools.pairwise(legs)]
         robot, tolerance, n = legs[0].robot, self.options.tolerance, len(legs)
         tries, reasons = np.zeros(max(n - 1, 0), int), [""] * (n - 1)
         sharp = [sharpen(robot, leg.path, leg.joint_path) for leg in legs] if n > 1 else []
@@ -174,16 +181,16 @@ class ProgramPlanner:
             plan = first.plan
             if plan is None:
                 limits, tolerance = self.follower.find_limits(part), self.options.tolerance
-                plan = self.follower.alone(first.robot, first.path, first.ends[0], limits=limits, tolerance=tolerance)
+                plan = self.follower.plan_alone(first.robot, first.path, first.ends[0], limits, tolerance=tolerance)
             return plan, np.array([0.0, first.path.end]), []
         path, places = join_parts(first.robot, sharp, [zone for zone, _ in zones])
         corners = [
             Corner(i, (0.0, 0.0), tuple(z.deviation.tolist()), places[i + 1] - z.half, places[i + 1] + z.half, why)
             for i, (z, why) in enumerate(zones)
         ]
-        limits = limits_of_parts(self._whole_limits(), legs[0].part, legs[-1].part + 1)
+        limits = limits_of_parts(self._whole_limits(legs), 0, len(legs))
         half = self.options.tolerance.scale(0.5)
-        plan = self.follower.alone(first.robot, path, None, limits=limits, tolerance=half)
+        plan = self.follower.plan_alone(first.robot, path, None, limits, tolerance=half)
         return plan, places, corners
 
     def _waits(self, parts: Sequence[PartRecord]) -> list[float]:
@@ -197,12 +204,13 @@ class ProgramPlanner:
                 waits[section + 1] += item.seconds
         return waits
 
-    def _whole_limits(self) -> MotionLimits:
-        """Return the limits of the whole program, with one bound on the tool's speeds for each part if a part has its own."""
+    def _whole_limits(self, legs: Sequence[Leg]) -> MotionLimits:
+        """Return the limits of parts that move, with one bound on the tool's speeds for each if a part has its own."""
         own: dict[str, Any] = {}
+        parts = [self.program.parts[leg.part] for leg in legs if leg.path.end > NO_LENGTH]
         for name in TOOL_SPEEDS:
             if any(getattr(part, name) is not None for part in self.program.parts):
-                each = [self.follower.find_speed(part, name) for part in self.program.parts]
+                each = [self.follower.find_speed(part, name) for part in parts]
                 own[name] = np.array([np.inf if x is None else x for x in each])
         return replace(self.options.limits, **own) if own else self.options.limits
 
@@ -223,4 +231,4 @@ def slow_sections(found: ProgramPlan, duration: float) -> ProgramPlan:
         slower = replace(section.motion, trajectory=section.trajectory.slowed(factor))
         proof = slower.certify(rate=section.certificate.rate)
         sections.append(replace(section, _trajectory=slower.trajectory, _certificate=proof))
-    return build_plan(sections, found.waits, found.parts, found.corners, found.limits)
+    return build_plan(sections, found.waits, found.parts, found.corners, found.limits, found.scene)

@@ -12,6 +12,7 @@ import scipy
 
 from optik.check import check_number, format_count
 from optik.errors import InvalidInput
+from optik.scene import Scene
 from planners.certificate.sections import SectionTimes, find_stops, merge_certificates
 from planners.following.joint_path import JointPath
 from planners.limits import MotionLimits
@@ -45,9 +46,9 @@ class PartRecord:
     path : Path
         Its path before corners are rounded.
     section : int
-        The section that it belongs to.
+        The section that it belongs to; −1 before the first one, where there is nothing to do.
     begin, end : float
-        Its place in the path parameter of the whole program.
+        Its place in the path parameter of the whole program; equal where there is nothing to do.
     """
 
     name: str | None
@@ -75,7 +76,7 @@ class PartRecord:
         float
             In [begin, end].
         """
-        return self.begin + (self.end - self.begin) * x / self.path.end
+        return self.begin + (self.end - self.begin) * x / (self.path.end or 1.0)
 
 
 @dataclass(frozen=True, repr=False)
@@ -157,7 +158,7 @@ class ProgramPlan(Plan):
     def events(self) -> tuple[Event, ...]:
         """The events in their order in time; those of places that the motion does not cover are left out."""
         inside = [event for event in self._list_events() if 0.0 <= event.t <= self.duration]
-        return round_to_periods(inside, self.period)
+        return round_to_periods(inside, self.period, self.duration)
 
     def _list_events(self) -> list[Event]:
         """Return the events at the places that the motion covers, in the order in which they were given."""
@@ -168,12 +169,13 @@ class ProgramPlan(Plan):
             if isinstance(spec, TimedEvent):
                 found.append(Event(spec.t, spec.signal, spec.value))
                 continue
-            section = self.parts[find_part(self.parts, spec.part)].section
+            section = max(self.parts[find_part(self.parts, spec.part)].section, 0)
             places = list_places(self.parts, self.corners, self.path, spec)
             if section not in self.moving_sections:
                 continue
             joints, start = self.sections[section].joint_path, float(self.path.starts[section])
-            when, before = self.times[self.moving_sections.index(section)], getattr(spec, "before", 0.0)
+            when = self.times[self.moving_sections.index(section)]
+            before = getattr(spec, "before", 0.0) - getattr(spec, "after", 0.0)
             for s in places:
                 if first <= s + SAME_PLACE * self.path.end and s <= last + SAME_PLACE * self.path.end:
                     t = find_time(self, joints, start, s, when) - before
@@ -186,7 +188,12 @@ class ProgramPlan(Plan):
         if not self.has_motion:
             return f"{words}, {self.solver}"
         stops = "without a stop" if len(self.sections) == 1 else f"in {len(self.sections)} sections"
-        return f"{words} {stops}, {self.solver} + {self.law}"
+        return f"{words} {stops}{self.describe_idle()}, {self.solver} + {self.law}"
+
+    def describe_idle(self) -> str:
+        """Return words for the parts, counted from 1, whose path has a length of 0; nothing if there are none."""
+        idle = ", ".join(str(i + 1) for i, part in enumerate(self.parts) if part.begin == part.end)
+        return f", nothing to do in part {idle}" if idle else ""
 
     @property
     def moving_sections(self) -> range:
@@ -246,7 +253,7 @@ def join_sections(sections: Sequence[Plan], waits: Sequence[float]) -> tuple[Tra
 
 def build_plan(
     sections: Sequence[Plan], waits: Sequence[float], parts: Sequence[PartRecord], corners: Sequence[Corner],
-    limits: MotionLimits, covered: tuple[range, float] | None = None,
+    limits: MotionLimits, scene: Scene | None, covered: tuple[range, float] | None = None,
 ) -> ProgramPlan:  # fmt: skip
     """Return the plan of a program from the valid plans of its sections; `covered` are those that move, and the wait before."""
     which, lead = (range(len(sections)), waits[0]) if covered is None else covered
@@ -256,16 +263,14 @@ def build_plan(
     trajectory, begins = join_sections(
         moving, [lead, *(waits[i + 1] for i in which[:-1]), waits[which[-1] + 1] if ended else 0.0]
     )
-    proof = merge_certificates(
-        sections[0].robot, path.starts[which], trajectory, [p.certificate for p in moving], begins
-    )
+    proof = merge_certificates(path, which, trajectory, [p.certificate for p in moving], begins, limits)
     seconds = reduce(_add_seconds, [section.seconds for section in moving])
     status, failure = judge_certificate(proof)
     span = None if covered is None else (proof.coverage.wanted[0], proof.coverage.wanted[1])
     first, last = moving[0], moving[-1]
     return ProgramPlan(
         first.robot, path, limits, status, first.solver, first.law, None, failure, trajectory, proof,
-        max(section.slowed for section in moving), span, first.speed, first.scene, seconds, first.before, first.start_error,
+        max(section.slowed for section in moving), span, first.speed, scene, seconds, first.before, first.start_error,
         last.stop_kind, sections=tuple(sections), waits=tuple(waits), parts=tuple(parts), corners=tuple(corners),
     )  # fmt: skip
 

@@ -18,7 +18,7 @@ from planners.plan import Plan, PlanStatus
 from planners.program.result import ProgramPlan
 from planners.replan.onward import plan_onward
 from planners.replan.program import replan_program
-from planners.replan.request import build_request
+from planners.replan.request import build_request, keep_speed
 from planners.replan.state import build_moving_state
 from planners.replan.stop import plan_stop
 from planners.timing import LawLike
@@ -58,14 +58,12 @@ def replan(
         Come to rest on the path as soon as possible, instead of at its end.
     timing : str or TimeLaw, optional
         A law that can start from a moving state; by default the plan's own, or `optimal` if that law starts from rest only.
-    limits : MotionLimits, optional
-        By default those of the plan.
+    limits, scene : MotionLimits, and Scene, optional
+        Limits, and obstacles with the margin to them; by default those of the plan.
     time_limit : float
         Computing time [s] for improving a stop towards the optimum; 0 returns the stop of the sweep.
     tolerance, rate : Tolerance, or (2,) tuple of float, and float
         Distance [m] and angle [rad], and the controller's rate [1/s], as in `plan`.
-    scene : Scene, optional
-        Obstacles, and the margin to them; by default the plan's scene.
 
     Returns
     -------
@@ -82,6 +80,7 @@ def replan(
     if isinstance(plan, ProgramPlan):
         one = partial(replan, stop=stop, time_limit=time_limit, tolerance=tolerance, rate=rate)
         return replan_program(plan, state, one, {"timing": timing, "limits": limits, "scene": scene}, stop)
+    plan = replace(plan, limits=keep_speed(plan, plan.limits)) if timing is None else plan
     request = build_request(plan, timing, limits, (Tolerance.of(tolerance), rate, scene))
     start = build_moving_state(plan, running, state)
     if stop and start.still:

@@ -34,8 +34,8 @@ RMS_BISECTIONS = 50
 """Halvings of the interval of the factor."""
 STEPS, CHECKED_STEPS = 100, 300
 """Instants of `Stopping`, and of stops that are checked against a limit: the way to the next one is added to each of these."""
-FACTORS = 1.01 ** np.arange(140)
-"""Factors of the duration that are tried, in turn: a stop is not monotone in the speed."""
+FACTORS = np.append(1.01 ** np.arange(140), 2.0 ** np.arange(2, 10))
+"""Factors of the duration that are tried, in turn: a stop is not monotone in the speed. From 4 on they double."""
 
 
 class Stopping(NamedTuple):
@@ -52,7 +52,7 @@ def slow(plan: P, factor: float) -> P:
         return plan
     if isinstance(plan, ProgramPlan):
         sections = [slow(section, factor) for section in plan.sections]
-        slower = build_plan(sections, plan.waits, plan.parts, plan.corners, plan.limits)
+        slower = build_plan(sections, plan.waits, plan.parts, plan.corners, plan.limits, plan.scene)
         return replace(slower, scheduled=plan.scheduled, period=plan.period)  # type: ignore[return-value]
     motion = replace(plan.motion, trajectory=plan.trajectory.slowed(factor))
     proof = motion.certify(rate=plan.certificate.rate)
@@ -75,7 +75,9 @@ def slow_to(plan: P, rms_torque: ArrayLike | None, cycle: float | None, *stoppin
         reached, place = _find_longest_stops(slower, step, limits, place)
         if (reached <= limits).all() and (most is None or _rms_ratio(slower, most, 1.0, cycle) <= 1.0):
             return _store_step(slower, step)
-    least, _ = _find_longest_stops(slower, step, np.full(2, np.inf), place)
+    both = (slow(plan, float(4.0 * first)), slower)
+    found = [_find_longest_stops(x, x.duration / CHECKED_STEPS, np.full(2, np.inf), place)[0] for x in both]
+    least = np.min(found, axis=0)
     texts = f"a stopping time of {least[0]:.6g} s", f"a stopping distance of {least[1]:.6g} {plan.path.unit}"
     words = [text for text, limit in zip(texts, limits, strict=True) if limit < np.inf]
     raise NoSolution(

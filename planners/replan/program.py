@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -11,7 +11,7 @@ import numpy as np
 from optik.check import check_number
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners.certificate.sections import SectionTimes, cut_between, limits_of_parts
+from planners.certificate.sections import SectionTimes, conditions_of, cut_between
 from planners.following.joint_path import find_nearest_s
 from planners.limits import TOOL_SPEEDS, MotionLimits
 from planners.paths.free_path import FreePath
@@ -20,6 +20,7 @@ from planners.paths.program import ProgramPath
 from planners.plan import Plan, plan
 from planners.program.events import Scheduled, TimedEvent
 from planners.program.result import ProgramPlan, build_plan
+from planners.replan.request import keep_speed
 from planners.replan.state import BEFORE_END, check_measured, find_nearest_time
 from planners.timing.base import read_law
 
@@ -33,7 +34,8 @@ def replan_program(
     running: ProgramPlan, state: Any, one: Callable[..., Plan], changed: dict[str, Any], stop: bool
 ) -> Plan:
     """Return the motion of a program from a moving state; `one` replans a section, `changed` are the given arguments."""
-    measured, motion = isinstance(state, tuple | list), running.trajectory
+    measured, motion, path = isinstance(state, tuple | list), running.trajectory, running.path
+    assert isinstance(path, ProgramPath)
     t = (
         find_nearest_time(motion, check_measured(running, state))
         if measured
@@ -50,6 +52,10 @@ def replan_program(
     whole = section.span is None or section.span[1] >= section.path.end * (1.0 - AT_END)
     onward = range(i if waiting else i + 1, len(sections))
     limits = running.limits if changed["limits"] is None else _merge_limits(running, changed["limits"])
+    scene = changed["scene"] or running.scene
+    conditions = [
+        dict(zip(("limits", "scene"), conditions_of(path, j, limits, scene), strict=True)) for j in range(len(sections))
+    ]
     if t > times[-1].end or (whole and not onward and t >= times[k].rest):
         _refuse_end(t, times[k])
     if waiting or (whole and onward and t >= times[k].rest - BEFORE_END):
@@ -59,23 +65,23 @@ def replan_program(
             )
         covered = onward
     else:
-        own = changed if changed["limits"] is None else {**changed, "limits": _limits_of(running, i, limits)}
-        sections[i] = one(section, state if measured else t - times[k].begin, **own)
+        given = {key: own for key, own in conditions[i].items() if changed[key] is not None}
+        sections[i] = one(section, state if measured else t - times[k].begin, **changed | given)
         if not sections[i]:
             return _name_part(running, i, sections[i])
         covered, left = range(i, i + 1) if stop else range(i, len(sections)), 0.0
     if not stop:
         for j in onward:
-            own = {**changed, "limits": _limits_of(running, j, limits), "scene": changed["scene"] or running.scene}
-            if changed["timing"] is None and own["limits"] == sections[j].limits and own["scene"] is sections[j].scene:
+            own = changed | conditions[j]
+            if changed["timing"] is None and conditions[j] == {key: getattr(sections[j], key) for key in conditions[j]}:
                 continue  # after a stop, sections may have older limits
             chosen = isinstance(sections[j].path, FreePath | PointToPoint)  # a plan would choose another shape
             sections[j] = one(sections[j], 0.0, **own) if chosen else _plan_again(sections[j], own)
             if not sections[j]:
                 return _name_part(running, j, sections[j])
-    found = build_plan(sections, running.waits, running.parts, running.corners, limits, (covered, max(left, 0.0)))
-    ahead = [replace(e, t=e.t - t) if isinstance(e, TimedEvent) else e for e in running.scheduled if _is_ahead(e, t)]
-    return replace(found, scheduled=tuple(ahead), period=running.period)
+    span = covered, max(left, 0.0)
+    found = build_plan(sections, running.waits, running.parts, running.corners, limits, scene, span)
+    return replace(found, scheduled=tuple(_list_ahead(running, t)), period=running.period)
 
 
 def _begin_of_wait(times: Sequence[SectionTimes], t: float) -> float:
@@ -99,9 +105,15 @@ def _name_part(running: ProgramPlan, i: int, failed: Plan) -> Plan:
     return replace(failed, path=part.path, failure=replace(why, s=s, reason=reason, part=k))
 
 
-def _is_ahead(event: Scheduled, t: float) -> bool:
-    """Return whether an event may still come after a time [s]."""
-    return not isinstance(event, TimedEvent) or event.t >= t
+def _list_ahead(running: ProgramPlan, t: float) -> Iterator[Scheduled]:
+    """Return the events that may still come after a time [s]; those after a place that is passed get a time."""
+    for one in running.scheduled:
+        timed = isinstance(one, TimedEvent) or getattr(one, "after", 0.0) > 0.0
+        events = replace(running, scheduled=(one,), period=None).events if timed else ()
+        passed = [e for e in events if e.s is None or e.t + e.before < t]
+        yield from (TimedEvent(e.t - t, e.signal, e.value) for e in passed if e.t >= t)
+        if not passed:
+            yield one
 
 
 def _find_nearest_section(running: ProgramPlan, q: Array) -> tuple[int, float]:
@@ -134,8 +146,9 @@ def _as_running(running: ProgramPlan, i: int, when: SectionTimes) -> Plan:
             span = a, b
         moved = replace(section.motion, trajectory=motion, span=span, before=None)
         section = replace(section, _trajectory=motion, _certificate=moved.certify(), span=span, before=None)
-    proof = replace(section.certificate, enforced=running.certificate.enforced)
-    return replace(section, _certificate=proof, scene=running.scene)
+    limits, scene = conditions_of(path, i, running.limits, running.scene)
+    enforced = tuple(name for name in running.certificate.enforced if name in limits.names)
+    return replace(section, _certificate=replace(section.certificate, enforced=enforced), scene=scene)
 
 
 def _merge_limits(running: ProgramPlan, limits: MotionLimits) -> MotionLimits:
@@ -147,18 +160,12 @@ def _merge_limits(running: ProgramPlan, limits: MotionLimits) -> MotionLimits:
     return replace(limits, **own)
 
 
-def _limits_of(running: ProgramPlan, i: int, limits: MotionLimits) -> MotionLimits:
-    """Return the limits of a section."""
-    assert isinstance(running.path, ProgramPath)
-    return limits_of_parts(limits, *running.path.firsts[i : i + 2])
-
-
 def _plan_again(section: Plan, changed: dict[str, Any]) -> Plan:
     """Return a section from rest to rest under changed arguments."""
     timing = changed["timing"] or read_law(section.law)
     assert section.certificate.tolerance is not None
     return plan(
         section.robot, section.path, None if section.path.in_joints else section.joint_path(0.0),
-        solver=section.solver, timing=timing, limits=changed["limits"] or section.limits,
+        solver=section.solver, timing=timing, limits=keep_speed(section, changed["limits"] or section.limits),
         tolerance=section.certificate.tolerance, scene=changed["scene"] or section.scene,
     )  # fmt: skip

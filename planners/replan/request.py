@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -22,14 +23,17 @@ from planners.timing.base import QUIET, PathState, StopKind, check_motion
 from planners.timing.optimal import Optimal
 from planners.trajectory import Trajectory
 
+SPEED_MARGIN = 1e-6
+"""Fraction by which a motion may exceed a requested constant tool speed [1], for rounding of a motion at that speed."""
+
 
 class RecordedLaw(TimeLaw):
-    """A record of the law of a plan: its name, the limits that it enforces, and the requested speed."""
+    """A record of the law of a plan: its name, the limits that it enforces, and the requested speed; or of `optimal` for it."""
 
     enforced = ()
 
-    def __init__(self, plan: Plan) -> None:
-        self.name, self.speed, self._enforced = plan.law, plan.speed, plan.certificate.enforced  # type: ignore[misc]
+    def __init__(self, name: str, speed: float | None, enforced: tuple[str, ...]) -> None:
+        self.name, self.speed, self._enforced = name, speed, enforced  # type: ignore[misc]
 
     def list_enforced(self, limits: MotionLimits) -> tuple[str, ...]:
         """Return the limits that the plan's certificate enforces."""
@@ -55,6 +59,7 @@ def build_request(
     if not isinstance(limits, MotionLimits):
         raise InvalidInput("limits", repr(limits)[:60], "a MotionLimits")
     if timing is None:  # limits that the plan was allowed to exceed
+        limits = keep_speed(plan, limits)
         allow = tuple({word_of_limit(name) for name in plan.limits.given_names if name not in enforced})
     if timing is not None:
         law.need(limits, plan.robot)
@@ -67,9 +72,21 @@ def _own_law(plan: Plan) -> TimeLaw:
     name = plan.law.partition(QUIET)[0]  # from a moving state nothing is averaged
     if name in laws() and plan.speed is None:
         law = make_law(name)
-        if type(law).run_from is not TimeLaw.run_from:
+        known = set(law.list_enforced(plan.limits)) <= set(plan.certificate.enforced)
+        if known and type(law).run_from is not TimeLaw.run_from:
             return law
-    return RecordedLaw(plan)
+    kept = () if plan.speed is None else TOOL_SPEEDS
+    return RecordedLaw(plan.law, plan.speed, tuple(dict.fromkeys((*plan.certificate.enforced, *kept))))
+
+
+def keep_speed(plan: Plan, limits: MotionLimits) -> MotionLimits:
+    """Return limits of a motion after a plan's: the speed of the tool, or of its rotation, that the plan's law was given."""
+    if plan.speed is None:
+        return limits
+    name = TOOL_SPEEDS[int(plan.certificate.tool_speed.value <= 0.5 * plan.speed)]
+    most = max(plan.speed * (1.0 + SPEED_MARGIN), float(plan.certificate.extreme(name).value))
+    bound: Any = {name: most if limits.value(name) is None else np.minimum(limits.value(name), most)}
+    return replace(limits, **bound)
 
 
 def certify_motion(
@@ -79,6 +96,8 @@ def certify_motion(
     plan, analysis = start.plan, start.rest_analysis if motion is start.rest else None
     last = plan.joint_path.end if plan.span is None else plan.span[1]
     end = (last if kind is StopKind.END else plan.joint_path.end) if end is None else end
+    if isinstance(request.law, RecordedLaw) and motion is not start.rest:
+        request = replace(request, law=RecordedLaw(Optimal.name, None, request.law.list_enforced(request.limits)))
     covering = replace(request, span=(start.at.s, max(start.at.s, end)), stop_kind=kind)
     return covering.certify_motion(plan.joint_path, motion, analysis=analysis)
 
@@ -121,6 +140,7 @@ def explain_infeasible(request: PlanRequest, start: MovingState, stop: bool) -> 
     advice = "higher limits" if stop else "stop=True, or higher limits"
     if ratio > 1.0 + 1e-9:
         what = f"the state itself has {ratio:.6g} times the allowed {field.replace('_', ' ')} of {joint}"
+        what += _name_both(start, limits, field, joint)
         return NoSolution(f"{none}: {what}", s=start.at.s, joint=joint, advice=f"limits {ratio:.6g} times as high")
     if start.rest is None:
         return NoSolution(f"{none} was found", s=start.at.s, advice=advice)
@@ -131,4 +151,14 @@ def explain_infeasible(request: PlanRequest, start: MovingState, stop: bool) -> 
     ratio, joint, t = proof.worst(field)
     s = proof.s_at(t)
     what = f"the running motion reaches {ratio:.6g} times the {field.replace('_', ' ')} limit of {joint} at s = {s:.6g}"
+    what += _name_both(start, limits, field, joint)
     return NoSolution(f"{none} was found; {what}", s=s, joint=joint, advice=advice)
+
+
+def _name_both(start: MovingState, limits: MotionLimits, field: str, joint: str) -> str:
+    """Return words for the limit of a joint that was asked for, and for that of the plan, if they differ."""
+    robot = start.plan.robot
+    if field not in DERIVATIVES or start.plan_limits == limits:
+        return ""
+    low, high = (x.arrays(robot.n)[field][robot.joint_names.index(joint)] for x in (limits, start.plan_limits))
+    return f" (limit {low:.6g}; {high:.6g} in the plan)"

@@ -38,10 +38,13 @@ class Form(NamedTuple):
         return sorted(self.columns, key=lambda name: self.columns[name])
 
 
-def message_of(trajectory: Trajectory, times: Times, form: Form) -> dict[str, Any]:
-    """Return the message with a trajectory's exact states at some times."""
+def message_of(trajectory: Trajectory, times: Times, form: Form, stops: Array | tuple[()] = ()) -> dict[str, Any]:
+    """Return the message with a trajectory's exact states at some times, at rest at its stops (k,) [s]."""
     t, order = times / NANOSECONDS, list(form.columns.values())
     states = list(sample_states(trajectory, t)[: count_derivatives(form.interpolation)])
+    for stop in stops:  # a whole nanosecond may be just before or after it, where the law's acceleration may jump
+        for state in states[1:]:
+            state[np.abs(times - stop * NANOSECONDS) <= 1.0] = 0.0
     if form.motors is not None:
         states = [form.motors.of(x, k) for k, x in enumerate(states)]
     values: list[Any] = [x[:, order].tolist() for x in states]

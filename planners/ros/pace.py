@@ -12,7 +12,7 @@ from optik.errors import InvalidInput, NoSolution
 from optik.scene.messages import NANOSECONDS
 from optik.types import Array
 from planners.certificate.analysis import MotionAnalysis
-from planners.certificate.sections import find_stops
+from planners.certificate.sections import conditions_of, cut_between, find_stops
 from planners.limits import SAME_SPEED
 from planners.motion import Motion
 from planners.motion.fit import stretch_factor
@@ -34,26 +34,43 @@ ADVICE = "use a motion within its own limits, points at its knots, or a higher r
 def fit_pace(motion: Motion, form: Form, rate: float | None, strict: bool) -> tuple[dict[str, Any], MotionAnalysis]:
     """Slow a motion until it respects the judged limits after controller interpolation."""
     source, judged = motion.trajectory, find_judged_limits(motion, form)
-    between = np.empty(0)
+    between, stops = np.empty(0), np.empty(0)
     if motion.speed is not None and rate is not None:
         source, between = _hold_to_period(source, rate), source.knots
-    if isinstance(motion.path, ProgramPath) and rate is not None:  # the arm rests at its stops only if points are there
-        stops = find_stops(motion.path, source, motion.span)[:-1]
-        between = np.union1d(between, [t for stop in stops for t in (stop.rest, stop.end)])
+    if isinstance(motion.path, ProgramPath):  # the arm rests at its stops only if points are there
+        found = find_stops(motion.path, source, motion.span)[:-1]
+        stops = np.array([t for stop in found for t in (stop.rest, stop.end)])
+        between = between if rate is None else np.union1d(between, stops)
     factor, margin = 1.0, 1e-12
     for _ in range(SLOWINGS):
-        message = message_of(*_set_pace(source, rate, factor, between), form)
+        paced, times = _set_pace(source, rate, factor, between)
+        rests = stops * (paced.duration / source.duration)
+        message = message_of(paced, times, form, rests)
         executed = reconstruct(message, form.names)
         if form.motors is not None:
             executed = map_joints(executed, form.motors.matrix, form.motors.offset)
         analysis = MotionAnalysis(motion.robot, executed, motion.path)
-        needed = stretch_factor(analysis, motion.limits, judged)
+        needed = _find_stretch(motion, analysis, judged, rests)
         if needed <= 1.0:
             return message, analysis
         _check_slowing(motion, executed.duration / source.duration * needed, strict)
         factor, margin = executed.duration / source.duration * needed * (1.0 + margin), 10.0 * margin
     reason = f"after controller interpolation the motion exceeds its limits even at {factor:.3g} times its duration"
     raise NoSolution(reason, advice=ADVICE)
+
+
+def _find_stretch(motion: Motion, executed: MotionAnalysis, judged: tuple[str, ...], stops: Array) -> float:
+    """Return the factor by which an executed motion is too fast, of a program by the limits and the arm of each section."""
+    path, trajectory = motion.path, executed.trajectory
+    if not isinstance(path, ProgramPath):
+        return stretch_factor(executed, motion.limits, judged)
+    which = path.find_sections((0.0, path.end) if motion.span is None else motion.span)
+    factors = [0.0]
+    for i, begin, end in zip(which, [0.0, *stops[1::2]], [*stops[::2], trajectory.end], strict=True):
+        limits, _ = conditions_of(path, i, motion.limits, None)
+        own = MotionAnalysis(path.robots[i], cut_between(trajectory, begin, end), path.sections[i])
+        factors.append(stretch_factor(own, limits, tuple(name for name in judged if name in limits.names)))
+    return max(factors)
 
 
 def find_judged_limits(motion: Motion, form: Form) -> tuple[str, ...]:

@@ -155,3 +155,32 @@ def test_check_asks_for_a_start_and_counts_in_words(tmp_path: Path) -> None:
         run("plan", "program", "--help").output.replace("│", " ").split()
     )
     assert str(run("program", "check", tmp_path / "none.toml").exception).startswith("FILE: expected a readable file")
+
+
+def test_a_limit_on_goods_counts_where_they_are_carried(tmp_path: Path) -> None:
+    cup = ["--limit", "suction=friction:0.5,force:42"]
+    done = run("plan", "program", EXAMPLES / "pick_and_place.toml", *LIMITS, *cup, "--out", tmp_path / "m.json")
+    assert done.exit_code == 0, done.output
+    said = " ".join(done.output.split())
+    assert "limit on suction, not in sections 1, 3, where nothing is carried" in said and "certificate valid" in said
+
+
+def test_a_first_move_to_the_start_is_nothing_to_do(tmp_path: Path) -> None:
+    home = "[[part]]\nconfiguration = 'home'\n"
+    (tmp_path / "p.toml").write_text(
+        "robot = 'kr6'\nstart = 'home'\n[configurations]\nhome = [10, -80, 90, 0, 20, 0]\n"
+        f"{home}[[part]]\njoints = [0, -70, 80, 10, 20, 0]\n{home}[[part]]\nvector_mm = [0, 0, 0]\n"
+    )
+    assert run("program", "check", tmp_path / "p.toml").exit_code == 0
+    done = run("plan", "program", tmp_path / "p.toml", *LIMITS)
+    assert done.exit_code == 0, done.output
+    assert "4 parts in 2 sections, nothing to do in part 1, 4 in" in " ".join(done.output.split())
+
+
+def test_an_empty_start_is_refused() -> None:
+    for words in (
+        ["joints", "--robot", "ur5e", "--to-deg", "0,-80,80,0,0,0"],
+        ["program", EXAMPLES / "pick_and_place.toml"],
+    ):
+        done = run("plan", *words, *LIMITS, "--start-deg", "")
+        assert done.exit_code and "--start-deg: expected 6 joint values of ur5e" in str(done.exception)

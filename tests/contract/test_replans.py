@@ -4,6 +4,7 @@ Interruptions of drawn plans, at any time: just after the start, at knots, just 
 coefficients by Horner's rule and the arm by its fixed transforms.
 """
 
+import re
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
@@ -17,6 +18,7 @@ from optik.types import Array
 from planners import (
     Arc,
     JointLine,
+    Line,
     MotionLimits,
     Plan,
     Polyline,
@@ -30,7 +32,7 @@ from planners import (
 from planners.following.joint_path import JointPath
 from planners.timing.base import PathState, StopKind
 from planners.timing.optimal import Optimal
-from planners.trajectory import cut_after, join
+from planners.trajectory import cut_after, cut_before, join
 from planners.trajectory.curve import quintic
 from tests import oracles
 from tests.planners.cases import START, default_line, paper6r
@@ -430,3 +432,64 @@ def test_the_tool_stays_on_the_path_after_an_interruption(running: Plan) -> None
     T = oracles.fk(again.robot, oracles.Joints(again.trajectory)(t))
     off = [oracles.off_line(running.path.start, running.path.goal, x)[0] for x in T]
     assert max(off) <= 1e-5
+
+
+SEAM_LIMITS = MotionLimits.of(optik.load("ur5e"), acceleration=10.0, jerk=100.0)
+SEAM_START = np.array([0.0, -1.57, 1.57, -1.57, -1.57, 0.0])
+
+
+def seam(law: Any, *way: float, turn: float = 0.0, limits: MotionLimits = SEAM_LIMITS) -> Plan:
+    """A line of a ur5e by a vector, with a turn about the tool's axis."""
+    arm = optik.load("ur5e")
+    begin = arm.fk(SEAM_START)
+    end = oracles.moved(begin, np.array(way), begin[:3, 2] * turn)
+    return plan(arm, Line(begin, end), SEAM_START, limits=limits, timing=law)
+
+
+@pytest.mark.parametrize(
+    ("way", "turn", "name"), [((0.0, 0.3, -0.1), 0.0, "tool_speed"), ((0, 0, 0), 0.8, "rotation_speed")]
+)
+def test_a_constant_speed_is_never_exceeded_afterwards_and_the_record_says_what_ran(
+    way: Any, turn: float, name: str
+) -> None:
+    running = seam(make_law("constant_speed", speed=0.15), *way, turn=turn)
+    part = slice(0, 3) if name == "tool_speed" else slice(3, 6)
+    for t in (0.05, 0.4, 0.8 * running.duration):
+        for changed in ({}, {"limits": SEAM_LIMITS.scale(0.5)}, {"stop": True}, {"limits": SEAM_LIMITS.scale(3.0)}):
+            onward = replan(running, t, **changed)
+            assert onward, onward
+            times = np.linspace(0.0, onward.duration, 400)
+            J, dq = onward.robot.jacobian(onward.trajectory(times)), onward.trajectory(times, 1)
+            twist = np.einsum("kij,kj->ki", J, dq)[:, part]
+            assert np.linalg.norm(twist, axis=1).max() <= 0.15 * (1.0 + 2e-6)
+            assert onward.limits.value(name) == pytest.approx(0.15, rel=1e-5) and name in onward.certificate.enforced
+            rest = cut_before(running.trajectory, t)
+            same = onward.duration == pytest.approx(rest.duration, abs=1e-9) and "stop" not in changed
+            assert (onward.law, onward.speed) == (("constant_speed", 0.15) if same else ("optimal", None))
+            assert onward.motion.certify().is_valid
+        later = replan(replan(running, t, stop=True), 1e-3)
+        assert later and later.certificate.extreme(name).value <= 0.15 * (1.0 + 2e-6)
+    free = replan(running, 0.4, timing="optimal")
+    assert free and free.certificate.extreme(name).value > 0.2  # which was asked for
+
+
+def test_a_law_that_starts_at_rest_only_is_followed_by_optimal_under_the_limits_that_it_enforced() -> None:
+    limits = replace(SEAM_LIMITS, jerk=None)
+    running = seam("toppra", 0.0, 0.3, -0.1, limits=limits)
+    onward = replan(running, 0.3 * running.duration, limits=limits.scale(0.5, ("velocity", "acceleration")))
+    assert onward and onward.law == "optimal" and set(onward.certificate.enforced) == set(running.certificate.enforced)
+    again = replan(onward, 0.2)
+    assert again and set(again.certificate.enforced) == set(running.certificate.enforced)
+
+
+def test_a_refusal_under_lower_limits_names_both() -> None:
+    running = seam("optimal", 0.0, 0.3, -0.1)
+    t = 0.5 * running.duration  # faster than the motion, so that none of its remaining part is left
+    state = running.trajectory(t), 1.1 * running.trajectory(t, 1), 1.21 * running.trajectory(t, 2)
+    refused = replan(running, state, limits=SEAM_LIMITS.scale(0.3))
+    assert not refused and refused.failure is not None
+    ratio, low, high = (
+        float(x)
+        for x in re.findall(r"has (\S+) times .* \(limit (\S+); (\S+) in the plan\)", refused.failure.reason)[0]
+    )
+    assert ratio > 1.0 and low == pytest.approx(0.3 * high, rel=1e-5)

@@ -481,7 +481,7 @@ LISTED: tuple[tuple[str, str, str], ...] = (
     ("optik/scene/moveit.py", "flag is True and name not in objects and other", "flag is True and other"),
     ("planners/certificate/projection.py", "CHORD_TURN * CHORD_TURN)", "CHORD_TURN)"),
     ("planners/certificate/projection.py", "sum(axis=1) + back**2", "sum(axis=1) - back**2"),
-    ("planners/certificate/certificate.py", "for ratios in rows], axis=0)", "for ratios in rows], axis=1)"),
+    ("planners/certificate/certificate.py", "ratios.argmax(axis=1), strict", "ratios.argmin(axis=1), strict"),
     ("planners/certificate/certification.py", "covered = Coverage(0.0", "covered = Coverage(1.0"),
     ("planners/certificate/certification.py", "tolerance.position / ENOUGH", "tolerance.position * ENOUGH"),
     ("planners/certificate/path_error.py", ">= 0.0).all(axis=0)", ">= 0.0).any(axis=0)"),

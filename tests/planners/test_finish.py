@@ -185,3 +185,10 @@ def test_a_program_stops_within_the_limit() -> None:
 def test_a_limit_below_all_stops_is_refused_with_the_least() -> None:
     with pytest.raises(NoSolution, match=r"a stopping time of 0\.\d+ s at least"):
         planned().slowed_to(stopping_time=0.01)
+
+
+def test_a_stop_that_needs_more_than_four_times_the_duration_is_found() -> None:
+    usual = planned()
+    nearest = slow(usual, 5.0).stopping.distance.max()
+    found = usual.slowed_to(stopping_distance=float(nearest))
+    assert found and found.slowed == pytest.approx(8.0) and found.stopping.distance.max() <= nearest

@@ -335,3 +335,17 @@ def test_a_plan_of_an_arm_that_brakes_harder_is_filed(suffix: str, tmp_path: Pat
     again = load_motion(tmp_path / f"a.{suffix}")
     assert again.robot == robot and again.limits.extra == found.limits.extra
     assert (again.trajectory.coefficients == found.trajectory.coefficients).all()
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_start_where_the_limit_by_position_is_zero_may_move_away_and_a_goal_there_is_refused_by_its_range() -> None:
+    robot = optik.load("fr3")
+    home = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
+    limits = MotionLimits.of(robot)
+    for joint, end in ((1, robot.limits.lower[1]), (5, robot.limits.upper[5])):
+        near = home.copy()
+        near[joint] = end + 0.005 * np.sign(home[joint] - end)
+        found = plan(robot, home, near, limits=limits)
+        assert found and found.certificate.worst("velocity_by_position")[0] <= 1.0
+        refused = plan(robot, near, home, limits=limits)
+        assert refused.status == "timing_infeasible" and f"end {end:.6g} of its range" in refused.failure.reason

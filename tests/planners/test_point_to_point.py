@@ -325,6 +325,20 @@ def test_points_that_no_path_can_have_are_refused(points: Any, kind: type, said:
         PointToPoint(optik.load("panda"), HOME, *points)
 
 
+def test_a_point_that_repeats_the_one_before_is_merged_with_it() -> None:
+    robot, via, goal = optik.load("panda"), HOME + 0.2, HOME - 0.1
+    plain = PointToPoint(robot, HOME, via, goal)
+    path = PointToPoint(robot, HOME, HOME, via, ViaPoint(via + 1e-9, (1e-3, 1e-2)), via, goal - 1e-8, goal)
+    assert path.dropped == (1, 3, 4, 5) and plain.dropped == ()
+    np.testing.assert_allclose(path.coefficients, plain.coefficients, atol=1e-12)
+    assert path.vias[0].tolerance is None and len(path.vias) == 1
+    found = plan(robot, path, limits=LIMITS)
+    assert "(points merged: 4)" in str(found) and "merged" not in str(plan(robot, plain, limits=LIMITS))
+    assert np.abs(found.goal - goal).max() < 1e-12
+    with pytest.raises(InvalidInput, match="only the start again"):
+        PointToPoint(robot, HOME, HOME, HOME + 1e-9)
+
+
 def test_misuse_of_via_points_and_arms_is_refused() -> None:
     with pytest.raises(InvalidInput, match="shape"):
         ViaPoint(np.zeros((3, 3)))

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.interpolate import BPoly
 
 import optik
 import planners
@@ -20,6 +23,7 @@ from planners import (
     MotionLimits,
     Move,
     Part,
+    PathEvent,
     PlanStatus,
     PointToPoint,
     Polyline,
@@ -27,7 +31,7 @@ from planners import (
     ToolChange,
 )
 from planners.motion.show import show_motion
-from planners.program.corners import _round
+from planners.program.corners import ON_CURVE, _round, place_nodes
 from planners.program.following import fade_out
 from planners.program.joining import sharpen
 
@@ -94,6 +98,39 @@ def test_the_superposition_of_a_corner_has_the_derivatives_of_differences():
         _round(one, two, 0.1, np.array([0.0]))[0, 0], one.coordinates(np.array([one.end - 0.1]))[0, 0]
     )
     np.testing.assert_allclose(_round(one, two, 0.1, np.array([1.0]))[0, 0], two.coordinates(np.array([0.1]))[0, 0])
+
+
+def test_nodes_of_a_corner_are_those_that_its_quintics_need():
+    def wave(s):
+        return np.stack(
+            [np.stack([3.0**k * np.sin(3.0 * s + 0.5 * np.pi * k) for _ in range(2)], axis=1) for k in range(4)], axis=1
+        )
+
+    def fifth(s):
+        p = np.polynomial.Polynomial([0.1, -0.3, 0.2, 0.5, -0.4, 0.7])
+        return np.stack([np.stack([p.deriv(k)(s)] * 2, axis=1) for k in range(4)], axis=1)
+
+    grid = np.linspace(-0.4, 0.5, 4)
+    assert len(place_nodes(fifth, grid, 1e-6)[0]) == len(grid)
+    s, q = place_nodes(wave, grid, 1e-6)
+
+    def misses(a, b):
+        ends = [wave(np.array([x]))[0, :3, 0] for x in (a, b)]
+        return abs(BPoly.from_derivatives([a, b], ends)(0.5 * (a + b)) - np.sin(1.5 * (a + b)))
+
+    assert all(misses(a, b) <= ON_CURVE for a, b in itertools.pairwise(s)) and np.isin(grid, s).all()
+    np.testing.assert_allclose(q, wave(s))
+    own = [x for x in s if x not in grid]  # each is the middle of an interval that needed it
+    assert own and all(
+        max(misses(x - h, x + h) for h in (np.diff(grid)[0] / 2.0 ** np.arange(1, 12))) > ON_CURVE for x in own
+    )
+    assert len(place_nodes(wave, grid, 0.2)[0]) == len(grid)
+
+
+def test_a_program_without_a_path_in_space_has_no_path_error_but_rounding():
+    found = plan(Part(START + 0.2, blend=0.01), Part(START + np.array([0.3, 0.1, 0.0, 0.2, 0.0, 0.0])))
+    assert found and len(found.sections) == 1
+    assert found.certificate.path_error.distance < 1e-8 and found.certificate.path_error.angle < 5e-8
 
 
 @pytest.mark.filterwarnings("error")
@@ -336,16 +373,77 @@ def test_the_first_path_without_a_start_chooses_it_and_a_failure_says_what_was_t
     assert lost.status == "unreachable" and "no configuration" in lost.failure.reason
 
 
-def test_a_move_of_no_length_does_not_blame_the_configurations():
+def test_a_part_of_no_length_is_nothing_to_do():
     goal = HOME.copy()
     goal[2, 3] -= 0.1
-    found = planners.plan(
-        ROBOT,
-        Program([Part(goal, move="joint"), Part(Move(-X, "base")), Part(Move([0.0, 0.0, 0.0]))]),
-        START,
-        limits=LIMITS,
+    still = Part(Move([0.0, 0.0, 0.0]))
+    moves = [Part(goal, move="joint", blend=0.01), Part(Move(-X, "base"), name="left"), Part(START)]
+    plain = plan(*moves)
+    cases = {
+        (1,): [Part(START), *moves], (2,): [moves[0], Part(goal, blend=0.02), *moves[1:]],
+        (3, 4): [*moves[:2], still, replace(still), moves[2]],
+        (1, 2, 5): [Part(HOME), Part(HOME, move="joint"), *moves[:2], still, moves[2]],
+        (4,): [*moves, Part(START)],
+    }  # fmt: skip
+    for idle, items in cases.items():
+        found = plan(*items)
+        assert found and found.duration == pytest.approx(plain.duration, rel=1e-12)
+        words = ", ".join(map(str, idle))
+        assert f"in 2 sections, nothing to do in part {words}, lm" in str(found)
+        assert len(found.parts) == len(items) and [i + 1 for i, p in enumerate(found.parts) if p.begin == p.end] == [
+            *idle
+        ]
+        assert [p.path.end for p in found.parts if p.path.end > 1e-9] == pytest.approx(
+            [p.path.end for p in plain.parts]
+        )
+        (first, *_), (same, *_) = found.corners, plain.corners
+        assert first.begin == pytest.approx(same.begin) and found.parts[first.part].end == plain.parts[0].end
+        marked = found.schedule(
+            [PathEvent("left", 0.001, "a"), *(PathEvent(i - 1, None, f"{i}", fraction=0.5) for i in idle)]
+        )
+        (t,) = [event.t for event in plain.schedule([PathEvent("left", 0.001, "a")]).events]
+        assert [event.t for event in marked.events if event.signal == "a"] == [pytest.approx(t, abs=1e-9)]
+        assert len(marked.events) == 1 + len(idle)
+
+
+def test_waits_tools_and_speeds_around_a_part_of_no_length():
+    items = [
+        Dwell(0.1),
+        Part(START),
+        Dwell(0.2),
+        Part(Move(X, "base"), tool_speed=0.05),
+        ToolChange(payload=1.0),
+        Part(Move([0, 0, 0]), tool_speed=0.01),
+        Dwell(0.3),
+        Part(Move(Y, "base"), blend=0.01),
+        Part(Move([0, 0, 0]), blend=0.001, tool_speed=0.01),
+        Part(Move(X, "base"), tool_speed=0.1),
+    ]
+    found = plan(*items)
+    assert (
+        found
+        and found.waits == pytest.approx((0.3, 0.3, 0.0))
+        and [p.section for p in found.parts] == [-1, 0, 0, 1, 1, 1]
     )
-    assert found.status == "no_length" and "configurations" not in found.failure.reason
+    assert found.corners[0].zone == pytest.approx((0.001, 0.01)) and found.corners[0].deviation[0] < 0.001
+    assert found.sections[0].certificate.tool_speed.value == pytest.approx(0.05, rel=1e-3)
+    assert found.sections[1].certificate.tool_speed.value > 0.1
+    alone = planners.certify(ROBOT, found.path, found.trajectory, found.limits, tolerance=(1e-4, 1e-3))
+    assert alone.is_valid and [float(x) for x in found.limits.tool_speed] == [0.05, np.inf, 0.1]
+    nothing = plan(Part(START), Dwell(0.1), Part(HOME))
+    assert nothing.status == "no_length" and nothing.failure.part == 0
+
+
+def test_a_choice_of_configuration_looks_past_a_part_of_no_length():
+    goal = HOME.copy()
+    goal[2, 3] -= 0.1
+    items = [Part(goal, move="joint"), Part(Move(np.zeros(3))), Part(Move(-6 * X, "base"))]
+    with_none, without = plan(*items), plan(items[0], items[2])
+    assert with_none.status == without.status
+    np.testing.assert_allclose(
+        with_none.parts[0].path(np.array([with_none.parts[0].path.end])),
+        without.parts[0].path(np.array([without.parts[0].path.end])),
+    )
 
 
 def test_program_of_stops_where_a_polyline_turns_back():

@@ -106,6 +106,40 @@ def test_periods_delays_and_given_times(plan) -> None:
     assert [(e.signal, pytest.approx(e.t)) for e in again.events] == [("b", 0.5)]
 
 
+def test_an_event_after_a_place_also_where_the_place_is_passed_when_replanned(plan) -> None:
+    late = [PathEvent("seam", 0.0, "gun", after=0.2), PathEvent("above", None, "half", fraction=0.0, after=0.2)]
+    marked = plan.schedule(
+        [*late, PathEvent("seam", 0.0, "begin"), PathEvent("side", 0.08, "b", before=0.01, after=0.03)]
+    )
+    at = {event.signal: event.t for event in marked.events}
+    assert at["gun"] == pytest.approx(at["begin"] + 0.2) and at["half"] == pytest.approx(0.2)
+    assert at["b"] == pytest.approx(root(plan, 3, 0.08) + 0.02, abs=1e-6)
+    for t in (at["begin"] - 0.05, at["begin"] + 0.05, at["gun"] + 0.01):
+        onward = planners.replan(marked, t)
+        shift = at["begin"] - t if t < at["begin"] else 0.0
+        gun = [event.t for event in onward.events if event.signal == "gun"]
+        assert onward and len(gun) == (t < at["gun"]) and not [e for e in onward.events if e.signal == "half"]
+        if shift:  # the place is ahead, and may be reached at another time
+            begin = next(event.t for event in onward.events if event.signal == "begin")
+            assert gun == [pytest.approx(begin + 0.2)]
+        elif gun:
+            assert gun == [pytest.approx(at["gun"] - t)]
+    slower = plan.slowed_to(stopping_time=10.0).schedule(late)
+    assert [e.t for e in slower.events] == pytest.approx([0.2, at["gun"]])
+    with pytest.raises(InvalidInput, match="times in"):
+        plan.schedule([PathEvent("side", 0.1, "x", after=0.1)])
+    with pytest.raises(InvalidInput, match="after"):
+        PathEvent(0, 0.0, "x", after=-1.0)
+
+
+@pytest.mark.parametrize("period", [0.004, 0.5, 100.0])
+def test_a_rounded_time_is_not_after_the_end(plan, period: float) -> None:
+    marked = plan.schedule([TimedEvent(plan.duration, "end"), TimedEvent(0.99 * plan.duration, "near")], period=period)
+    for event in marked.events:
+        assert 0.0 <= event.t <= plan.duration and event.t / period == pytest.approx(round(event.t / period), abs=1e-9)
+        assert event.t - event.shift in (plan.duration, pytest.approx(0.99 * plan.duration))
+
+
 def test_files_keep_events_and_messages_have_them_beside(plan, tmp_path: Path) -> None:
     marked = plan.schedule(
         [PathEvent("seam", 0.05, "gun", "on"), TimedEvent(0.5, "x", 2.5), PathEvent(3, -0.01, "gun", False)]

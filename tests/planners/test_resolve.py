@@ -13,6 +13,7 @@ from optik import Robot, Scene
 from optik.errors import InvalidInput
 from optik.types import Array
 from planners import Line, MotionLimits, Part, PlanStatus, Polyline, Program, ProgramPlan, follow, free, plan
+from planners.following.collision import CollisionCheck
 from planners.following.failure import FollowStatus, PlanFailure
 from planners.following.resolve import Resolution, resolve
 from planners.following.resolve.extend import columns_of, extend
@@ -332,6 +333,11 @@ def test_a_refusal_says_where_no_configuration_goes_on_and_which_parts_touch() -
     assert found.resolution is not None and found.resolution.stuck is not None
     low, high = found.resolution.stuck
     assert 0.05 < low <= high < 0.2
+    away = Line(goal, T)  # nothing goes on at its very start
+    closed = Scene(boxes=[(optik.se3.pose(p=goal[:3, 3]), (0.02, 0.02, 0.02))])
+    sampler = Sampler(robot, robot, away, CollisionCheck(robot, closed), 10.0)
+    _, made = resolve(sampler, away, None, held=False, many=True)
+    assert made.stuck == (0.0, 0.0) and made.reason.startswith("all ") and "between" not in made.reason
 
 
 @pytest.mark.parametrize(("resolve", "limit"), [("global", 10.0), (True, 10.0), ("auto", 0.0), ("auto", float("nan"))])

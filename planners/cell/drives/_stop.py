@@ -17,14 +17,13 @@ from planners.following.failure import joint_unit
 from planners.limits import MotionLimits
 from planners.plan import Plan, plan
 from planners.replan import replan
+from planners.replan.request import SPEED_MARGIN, keep_speed
 from planners.replan.state import s_at
 from planners.timing.base import StopKind
 from planners.trajectory import Trajectory, make_rest
 
 END_FRACTION = 2e-9
 """Fraction of the path length from its end that counts as its end [1]: `replan` plans nothing from half of that."""
-SPEED_MARGIN = 1e-6
-"""Fraction by which a stop may exceed a requested constant tool speed [1], for rounding of a motion at that speed."""
 ONSETS = (0.04, 0.004)
 """Times in which a stop may reach the largest acceleration if the plan's law enforces no jerk limit [s], the longer first."""
 LEAST_FRACTION = 0.1
@@ -89,8 +88,8 @@ def find_stop_limits(running: Plan) -> tuple[MotionLimits, ...]:
     enforced jerk limit, the jerk may reach the largest acceleration within one of `ONSETS`. A requested constant tool speed
     is one more limit.
     """
-    proof, limits = running.certificate, running.limits
-    changed: dict[str, Any] = _speed_limit(running)
+    proof, limits = running.certificate, keep_speed(running, running.limits)
+    changed: dict[str, Any] = {}
     enforced, known = set(proof.enforced), limits.arrays(running.robot.n)
     loaded = limits.torque is not None and "torque" in enforced
     if limits.velocity is None or "velocity" not in enforced:
@@ -101,16 +100,6 @@ def find_stop_limits(running: Plan) -> tuple[MotionLimits, ...]:
         return (replace(limits, **changed),)
     hardest = _largest_values(proof.acceleration.value, known["acceleration"])
     return tuple(replace(limits, **changed, jerk=hardest / onset) for onset in ONSETS)
-
-
-def _speed_limit(running: Plan) -> dict[str, Any]:
-    """Return the requested tool speed as a limit on the speed of the tool, or on its angular speed if it only rotates."""
-    if running.speed is None:
-        return {}
-    most, moves = running.speed * (1.0 + SPEED_MARGIN), running.certificate.tool_speed.value > 0.5 * running.speed
-    name = "tool_speed" if moves else "rotation_speed"
-    known = getattr(running.limits, name)
-    return {name: most if known is None else np.minimum(known, most)}
 
 
 def _largest_values(reached: Array, limit: Array) -> Array:

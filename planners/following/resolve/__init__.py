@@ -119,4 +119,5 @@ def _explain(sampler: Sampler, path: Path, stuck: tuple[float, float]) -> tuple[
         why = f"all {len(found)} configurations {at} are in contact, mostly {sampler.name_contact(touching)}"
     else:
         why = f"none of the {len(found) - len(touching)} configurations {at} continues one before it"
-    return f"between s = {a:.6g} and {b:.6g} {path.unit} no other goes on: {why}", bool(len(found))
+    where = f"between s = {a:.6g} and {b:.6g} {path.unit} no other goes on: " if a < b else ""
+    return f"{where}{why}", bool(len(found))
