@@ -341,6 +341,12 @@ class JointLimits:
         return replace_fields(self, "limits", limits)
 
 
+FAR_OUTSIDE = np.pi
+"""Excess over a range [rad] from which degrees are suspected: no encoder is half a turn off."""
+DEGREES_QUESTION = "are these degrees?"
+"""Question about angles that are read as radians."""
+
+
 def warn_of_degrees(
     robot: str, names: Sequence[str], ranges: tuple[Array, Array], turns: Sequence[bool], *, stacklevel: int
 ) -> None:
@@ -350,6 +356,12 @@ def warn_of_degrees(
         found = ", ".join(f"{names[i]!r} ({size[i]:.6g})" for i in far.tolist())
         problem = f"position limits of ten turns and more are read as radians, at joint {found}; were degrees meant?"
         warnings.warn(DegreesWarning(robot, problem), stacklevel=stacklevel)
+
+
+def suspect_degrees(limits: JointLimits, turns: Flags, q: Array) -> bool:
+    """Return whether angles (..., n) [rad] that are far outside their ranges would be inside in degrees."""
+    far = np.maximum(limits.lower - q, q - limits.upper) > FAR_OUTSIDE
+    return bool((far & turns).any() and limits.contains(np.where(turns, np.deg2rad(q), q)).all())
 
 
 def check_positive(value: ArrayLike, n: int, argument: str) -> Array:

@@ -233,6 +233,14 @@ def refuse_motors(arm: Any, format: str) -> None:
         )
 
 
+def have_same_matrix(one: Motors | None, other: Motors | None) -> bool:
+    """Return whether two arms have motors with the same names, matrix and offsets, or none."""
+    if one is None or other is None:
+        return one is other
+    same = np.array_equal(one.matrix, other.matrix) and np.array_equal(one.offset, other.offset)
+    return one.names == other.names and same
+
+
 def maker_names(robot: Any) -> tuple[str, ...]:
     """Return the names of the maker's joints: the motors', or the robot's."""
     return tuple(robot.joint_names if robot.motors is None else robot.motors.names)

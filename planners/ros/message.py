@@ -57,7 +57,8 @@ def message_of(trajectory: Trajectory, times: Times, form: Form) -> dict[str, An
 class MessagePoints(NamedTuple):
     """Setpoints: times (k,) [s] from the first one, which is at `begin` of a clock, and values (k, n) by order of derivative.
 
-    `from_start` is True if the clock starts with the motion; `locate` names a row for errors; `notes` lists assumptions.
+    `from_start` is True if the clock starts with the motion; `locate` names a row for errors; `notes` lists assumptions;
+    `has_units` is True if the units of the positions are stated.
     """
 
     t: Array
@@ -66,6 +67,7 @@ class MessagePoints(NamedTuple):
     from_start: bool
     locate: Callable[[int], str]
     notes: list[str]
+    has_units: bool = False
 
 
 def reconstruct(message: Any, names: list[str]) -> Trajectory:
@@ -79,17 +81,17 @@ def reconstruct(message: Any, names: list[str]) -> Trajectory:
 
 
 def read_points(message: Any, names: list[str], ignore: Collection[str] = ()) -> MessagePoints:
-    """Return the setpoints of a message, or of columns in JSON: ``times``, ``positions`` and others."""
+    """Return the setpoints of a message, or of columns: ``times`` or ``time_from_start``, ``positions`` and others."""
     if not isinstance(message, dict):
         raise InvalidInput("content", repr(message)[:60], "a message with joint_names and points")
     order = order_joints(message.get("joint_names"), names, ignore)
-    points, times = message.get("points"), message.get("times")
-    if times is not None:
+    points, clock = message.get("points"), "times" if "times" in message else "time_from_start"
+    if (times := message.get(clock)) is not None:
         rows = {field: message[field] for field in POINT_FIELDS if message.get(field)}
         for field, row in rows.items():
-            read_list(row, field, f"{len(times)} rows, one for each time", len(read_list(times, "times")))
+            read_list(row, field, f"{len(times)} rows, one for each time", len(read_list(times, clock)))
         points = [dict(zip(rows, row, strict=True)) for row in zip(*rows.values(), strict=True)]
-    if not isinstance(points, list) or len(points) < 2 or not all(isinstance(p, dict) for p in points):
+    if not isinstance(points, list) or not points or not all(isinstance(p, dict) for p in points):
         raise InvalidInput("points", repr(points)[:60], "at least two points")
     fields = [f for f in POINT_FIELDS if f == "positions" or any(p.get(f) for p in points)]
     if fields == ["positions", "accelerations"]:
@@ -101,8 +103,9 @@ def read_points(message: Any, names: list[str], ignore: Collection[str] = ()) ->
         read = [read_floats(p.get(field), f"points[{i}].{field}", count) for i, p in enumerate(points)]
         values.append(np.array(read)[:, order])
     if times is not None:
-        t = read_floats(times, "times", len(points))
-        return MessagePoints(t - t[0], float(t[0]), values, False, "times[{}]".format, [])
+        seconds = [read_time(x, clock) / NANOSECONDS if isinstance(x, dict) else x for x in times]
+        t = read_floats(seconds, clock, len(points))
+        return MessagePoints(t - t[0], float(t[0]), values, clock != "times", f"{clock}[{{}}]".format, [])
     since = [p.get("time_from_start", {}) for p in points]
     ns = np.array([read_time(x, f"points[{i}].time_from_start") for i, x in enumerate(since)])
     t = (ns - ns[0]) / NANOSECONDS

@@ -15,6 +15,7 @@ import planners
 from optik.check import format_ratio
 from optik.types import Array
 
+pytestmark = pytest.mark.filterwarnings("ignore:.*no units in the header:optik.errors.AssumptionWarning")
 NAMES = tuple(f"joint{i + 1}" for i in range(6))
 HOME = np.deg2rad([0.0, -70.0, 70.0, -90.0, -90.0, 0.0])
 

@@ -11,7 +11,7 @@ import pytest
 
 import optik
 from optik import Scene
-from optik.errors import InvalidInput, NoSolution
+from optik.errors import AssumptionWarning, InvalidInput, NoSolution
 from optik.types import Array
 from planners import (
     JointLine,
@@ -141,7 +141,8 @@ def test_files_and_messages_have_the_makers_joints(tmp_path: Path) -> None:
     table = np.array(rows[1:], dtype=float)
     np.testing.assert_allclose(table[:, 1:7], robot.motors.of(found.trajectory(table[:, 0])), atol=1e-12)
     to_ros(found, tmp_path / "a.yaml")
-    read = load_trajectory(tmp_path / "a.yaml", robot)
+    with pytest.warns(AssumptionWarning, match="positions are those of the motors .*, with the matrix of"):
+        read = load_trajectory(tmp_path / "a.yaml", robot)
     t = np.linspace(0.0, min(read.end, found.duration), 300)
     np.testing.assert_allclose(read(t), found.trajectory(t), atol=1e-7)
 
