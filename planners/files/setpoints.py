@@ -191,12 +191,11 @@ def _check_meant(found: MessagePoints, robot: Robot) -> None:
         raise InvalidInput(found.locate(int(i)), got, expected, advice="unit='ms', 'us' or 'ns' gives another unit")
     q, limits, turns = found.values[0], maker_limits(robot), ~robot.prismatic
     if not found.has_units and suspect_degrees(limits, turns, q):
-        i, j = np.unravel_index(
-            np.argmax(np.where(turns, np.maximum(limits.lower - q, q - limits.upper), 0.0)), q.shape
-        )
+        low, high = limits.lower, limits.upper
+        i, j = np.unravel_index(np.argmax(np.where(turns, np.maximum(low - q, q - high), 0.0)), q.shape)
         got, expected = (
-            f"{maker_names(robot)[j]} = {q[i, j]:.6g} rad",
-            f"[{limits.lower[j]:.6g}, {limits.upper[j]:.6g}] rad, its range",
+            f"{maker_names(robot)[j]} = {q[i, j]:.6g}",
+            f"its range in radians, [{low[j]:.6g}, {high[j]:.6g}]",
         )
         advice = f"{DEGREES_QUESTION} unit='deg' reads degrees, unit='rad' radians"
         raise InvalidInput(found.locate(int(i)), got, expected, advice=advice)

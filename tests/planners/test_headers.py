@@ -118,9 +118,7 @@ def test_units_come_from_the_header_the_size_or_the_option(read: Callable[..., T
 
 
 def test_degrees_that_cannot_be_radians_are_asked_for(read: Callable[..., Trajectory]) -> None:
-    with pytest.raises(
-        InvalidInput, match=r"line 4, column t_s: .* elbow = 28.6479 rad; are these degrees\? unit='deg'"
-    ):
+    with pytest.raises(InvalidInput, match=r"line 4, column t_s: .* elbow = 28.6479; are these degrees\? unit='deg'"):
         read("t_s;shoulder;elbow;wrist", scale=180.0 / np.pi)
     check(read("t_s;shoulder;elbow;wrist", scale=180.0 / np.pi, unit="deg"))
     assert read("t_s;shoulder;elbow;wrist", scale=180.0 / np.pi, unit="rad")(1.0)[1] == pytest.approx(28.6479, abs=1e-4)

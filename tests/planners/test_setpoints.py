@@ -87,6 +87,42 @@ def test_what_a_message_has_beside_one_joint_trajectory_is_refused(read: Callabl
             read(json.dumps(wrong), "log.json")
 
 
+def test_the_only_trajectory_of_a_message_is_found_at_any_depth(read: Callable[..., Trajectory]) -> None:
+    goal = {"trajectory": message(), "path_tolerance": [], "goal_time_tolerance": {"sec": 0, "nanosec": 0}}
+    check(read({"header": {"frame_id": ""}, "goal_id": {"id": "a-1"}, "goal": goal}))
+    check(read({"goal": [{"a": {"b": {"joint_trajectory": message()}}}], "multi_dof_joint_trajectory": {"points": []}}))
+    for key, times in (
+        ("times", T),
+        ("time_from_start", T),
+        ("time_from_start", [{"sec": 0, "nanosec": round(t * 1e9)} for t in T[:2]]),
+    ):
+        rows = slice(len(times))
+        data = {"joint_names": ["j1", "j2"], key: times, "positions": Q[rows], "velocities": V[rows]}
+        found = read({"result": {"planned": data}})
+        np.testing.assert_allclose(found(found.knots, 1), V[rows], rtol=0, atol=1e-15)
+    for wrong in ({"goal": {"trajectory": {"joint_names": ["j1", "j2"], "points": []}}}, {}, {"a": [1, 2]}):
+        with pytest.raises(InvalidInput, match=r"log.yaml: joint_names: .*got None"):
+            read(wrong)
+
+
+def test_one_later_point_is_a_motion_from_the_start(read: Callable[..., Trajectory]) -> None:
+    later = {
+        "joint_names": ["j2", "j1"],
+        "points": [{"positions": [0.15, 0.3], "time_from_start": {"sec": 2, "nanosec": 0}}],
+    }
+    with pytest.raises(InvalidInput, match=r"points\[0\].time_from_start: .*start=Q is the configuration at 0 s"):
+        read(later)
+    later["points"][0]["velocities"] = [0.0, 0.0]
+    with pytest.warns(AssumptionWarning, match="at rest at the start"):
+        found = read(later, start=[0.1, 0.0])
+    assert found.duration == 2.0 and found(0.0).tolist() == [0.1, 0.0]
+    np.testing.assert_allclose(found(2.0), [0.3, 0.15], rtol=0, atol=1e-15)
+    np.testing.assert_allclose(found(np.array([0.0, 2.0]), 1), np.zeros((2, 2)), rtol=0, atol=1e-15)
+    later["points"][0]["time_from_start"] = 0.0
+    with pytest.raises(InvalidInput, match="expected at least two, or a later one and start=Q"):
+        read(later)
+
+
 def test_numbers_that_yaml_reads_as_text_are_numbers(read: Callable[..., Trajectory]) -> None:
     check(read(yaml.safe_dump(message()).replace("0.05", "5e-2").replace("- 0.4\n", "- 4e-1\n"), "log.yaml"))
 
