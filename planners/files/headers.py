@@ -84,8 +84,8 @@ def read_log(table: TextTable, robot: Robot, names: list[str], units: Mapping[st
     if assumed:
         table.notes.append(f"no units in the header, read in {', '.join(assumed)}: unit='ms,deg' gives others")
     values, since = [table.read_numbers(list(sets[order])) for order in sorted(sets)], _find_words(stems.pop().lower())
-    place, stated = lambda i: table.locate(i, *clock), "rad" not in assumed
-    return MessagePoints(np.array(t), float(first), values, since[-3:] == SINCE_START, place, table.notes, stated)
+    locate, from_start = lambda i: table.locate(i, *clock), since[-3:] == SINCE_START
+    return MessagePoints(np.array(t), float(first), values, from_start, locate, table.notes, assumed)
 
 
 def _measure(table: TextTable, used: Quantities, units: Mapping[str, str]) -> tuple[TextTable, list[str]]:

@@ -170,27 +170,26 @@ def _find_message(data: Any) -> Any:
 
 def _convert(found: MessagePoints, robot: Robot, units: dict[str, str]) -> MessagePoints:
     """Return the setpoints of a message in SI units."""
-    if "s" in units and found.from_start:
+    if "s" in units and "s" not in found.assumed:
         raise InvalidInput("unit", repr(units["s"]), "none of times, because messages have seconds and nanoseconds")
     size, *sizes = [
         find_size(units.get(u, u), u) or 1.0 for u in ("s", *("m" if s else "rad" for s in robot.prismatic))
     ]
-    values = [rows * np.array(sizes) for rows in found.values]
-    return found._replace(t=found.t * size, begin=found.begin * size, values=values, has_units="rad" in units)
+    values, assumed = [rows * np.array(sizes) for rows in found.values], set(found.assumed) - {*units}
+    return found._replace(t=found.t * size, begin=found.begin * size, values=values, assumed=assumed)
 
 
 def _check_meant(found: MessagePoints, robot: Robot) -> None:
-    """Raise InvalidInput for times and positions that cannot be meant in seconds and radians."""
-    for i in np.flatnonzero((np.abs(found.t + found.begin) > LATEST) | (np.diff(found.t, prepend=0.0) > LONGEST_STEP))[
-        :1
-    ]:
+    """Raise InvalidInput for times and positions without units that cannot be meant in seconds and radians."""
+    far = (np.abs(found.t + found.begin) > LATEST) | (np.diff(found.t, prepend=0.0) > LONGEST_STEP)
+    for i in np.flatnonzero(far & ("s" in found.assumed))[:1]:
         got, expected = (
             f"{found.t[i] + found.begin:.6g} s",
             f"times within {LATEST:g} s, and steps of at most {LONGEST_STEP:g} s",
         )
         raise InvalidInput(found.locate(int(i)), got, expected, advice="unit='ms', 'us' or 'ns' gives another unit")
     q, limits, turns = found.values[0], maker_limits(robot), ~robot.prismatic
-    if not found.has_units and suspect_degrees(limits, turns, q):
+    if "rad" in found.assumed and suspect_degrees(limits, turns, q):
         low, high = limits.lower, limits.upper
         i, j = np.unravel_index(np.argmax(np.where(turns, np.maximum(low - q, q - high), 0.0)), q.shape)
         got, expected = (

@@ -57,8 +57,8 @@ def message_of(trajectory: Trajectory, times: Times, form: Form) -> dict[str, An
 class MessagePoints(NamedTuple):
     """Setpoints: times (k,) [s] from the first one, which is at `begin` of a clock, and values (k, n) by order of derivative.
 
-    `from_start` is True if the clock starts with the motion; `locate` names a row for errors; `notes` lists assumptions;
-    `has_units` is True if the units of the positions are stated.
+    `from_start` is True if the clock starts with the motion; `locate` names a row for errors; `notes` lists assumptions, and
+    `assumed` the units, such as s and rad, that the file does not state.
     """
 
     t: Array
@@ -67,7 +67,7 @@ class MessagePoints(NamedTuple):
     from_start: bool
     locate: Callable[[int], str]
     notes: list[str]
-    has_units: bool = False
+    assumed: Collection[str] = ("rad",)
 
 
 def reconstruct(message: Any, names: list[str]) -> Trajectory:
@@ -105,7 +105,8 @@ def read_points(message: Any, names: list[str], ignore: Collection[str] = ()) ->
     if times is not None:
         seconds = [read_time(x, clock) / NANOSECONDS if isinstance(x, dict) else x for x in times]
         t = read_floats(seconds, clock, len(points))
-        return MessagePoints(t - t[0], float(t[0]), values, clock != "times", f"{clock}[{{}}]".format, [])
+        assumed = ("s", "rad")[any(isinstance(x, dict) for x in times) :]
+        return MessagePoints(t - t[0], float(t[0]), values, clock != "times", f"{clock}[{{}}]".format, [], assumed)
     since = [p.get("time_from_start", {}) for p in points]
     ns = np.array([read_time(x, f"points[{i}].time_from_start") for i, x in enumerate(since)])
     t = (ns - ns[0]) / NANOSECONDS
@@ -119,6 +120,7 @@ def order_joints(found: Any, names: list[str], ignore: Collection[str]) -> list[
     if len(set(listed)) != len(listed) or not set(names) <= set(listed) or others:
         got = f"{', '.join(others)} in {', '.join(listed)}" if others else repr(found)
         advice = f"ignore={','.join(others)!r} leaves joints out" if others else ""
+        advice = advice if set(names) <= set(listed) else "joint_names= gives the names in the file"
         raise InvalidInput("joint_names", got[:120], f"{', '.join(names)} in any order", advice=advice)
     for name in (name for name in ignore if name not in listed or name in names):
         wanted = f"joints of the file that are not the arm's: {', '.join(listed)}"

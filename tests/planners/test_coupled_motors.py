@@ -147,6 +147,21 @@ def test_files_and_messages_have_the_makers_joints(tmp_path: Path) -> None:
     np.testing.assert_allclose(read(t), found.trajectory(t), atol=1e-7)
 
 
+@pytest.mark.parametrize(("suffix", "rate"), [(".json", None), (".csv", None), (".csv", 100.0)])
+def test_a_motion_file_is_refused_for_another_matrix(suffix: str, rate: float | None, tmp_path: Path) -> None:
+    found = planned("differential wrist")
+    save(found, file := tmp_path / f"a{suffix}", rate=rate)
+    read = load_trajectory(file, found.robot)
+    np.testing.assert_allclose(read(read.end), found.trajectory(found.duration), atol=1e-9)
+    other, shifted = arm(MATRICES["random"]), replace(found.robot.motors, offset=found.robot.motors.offset + 0.1)
+    plain = replace(optik.load("puma560"), joint_names=found.robot.joint_names)
+    for wrong in (other, plain, optik.load("puma560").with_motors(shifted.matrix, offset=shifted.offset, names=NAMES)):
+        with pytest.raises(InvalidInput, match=r"motors: expected that of .*; got another matrix of motors"):
+            load_trajectory(file, wrong)
+    with pytest.raises(InvalidInput, match=r"^unit: expected none, because .* states its units"):
+        load_trajectory(file, found.robot, unit="deg")
+
+
 def test_a_motion_of_another_matrix_is_refused(tmp_path: Path) -> None:
     data = to_plain(planned("differential wrist").motion)
     data["robot"]["motors"]["matrix"][4][4] = 0.6

@@ -134,5 +134,9 @@ def test_messages_have_units_too(tmp_path: Path, arm: optik.Robot) -> None:
         load_trajectory(file, arm)
     check(load_trajectory(file, arm, unit="ms,deg"))
     file.write_text(json.dumps(data).replace("times", "time_from_start"))
+    check(load_trajectory(file, arm, unit="ms,deg"))
+    times = [{"sec": 0, "nanosec": 500_000_000 * k} for k in range(2)]
+    file.write_text(json.dumps({"joint_names": headers.NAMES, "time_from_start": times, "positions": Q[:2]}))
+    assert load_trajectory(file, arm).duration == 0.5
     with pytest.raises(InvalidInput, match=r"^unit: expected none of times"):
         load_trajectory(file, arm, unit="ms,deg")
