@@ -41,10 +41,9 @@ UNIT_SIZES = (
 SPELLINGS = {"radians": "rad", "degrees": "deg", "sec": "s", "secs": "s", "seconds": "s", "msec": "ms", "µs": "us",
              "nsec": "ns", "nsecs": "ns", "nanosec": "ns", "nanosecs": "ns"}  # fmt: skip
 """Other spellings of units."""
-UNIT_END = re.compile(
-    rf"(?:^|[\W_])((?:{'|'.join((*SPELLINGS, *chain(*UNIT_SIZES)))})(?:(?:/|_|_per_)s(?:\^?2|²)?)?)[\])\s]*$",
-    re.IGNORECASE,
-)
+UNITS, PER = "|".join((*SPELLINGS, *chain(*UNIT_SIZES))), r"(?:(?:/|_|_per_)s(?:\^?2|²)?)?"
+"""Regular expressions of units, and of their ends."""
+UNIT_END = re.compile(rf"(?:^|[\W_])((?:{UNITS}){PER})[\])\s]*$", re.IGNORECASE)
 """The unit at the end of a header: x_mm, x [mm], dq [deg/s], header.stamp.nanosec."""
 Names = str | Iterable[str] | None
 """Names: a list, text with commas, or none."""

@@ -126,7 +126,7 @@ class CertifyCommand(LimitsCommand, SceneCommand, TableCommand):
         found, warning = read_saved(self.file), ""
         if found is None:
             return self.load(), None
-        saved = found.motion
+        saved, is_exact = found
         arm = self.load() if self.robot != RobotCommand.robot else saved.robot
         robots = dict.fromkeys(getattr(saved.path, "robots", ()))
         if not _is_same(arm, saved.robot):
@@ -136,7 +136,7 @@ class CertifyCommand(LimitsCommand, SceneCommand, TableCommand):
             )
         else:
             arm = self.limit_ranges(saved.robot)
-            if len(robots) > 1 and not found.is_exact:
+            if len(robots) > 1 and not is_exact:
                 robots, warning = (
                     {},
                     f"points at a rate do not say when the payload changes: judged with {arm.payload or 'none'}",

@@ -343,8 +343,6 @@ class JointLimits:
 
 FAR_OUTSIDE = np.pi
 """Excess over a range [rad] from which degrees are suspected: no encoder is half a turn off."""
-DEGREES_QUESTION = "are these degrees?"
-"""Question about angles that are read as radians."""
 
 
 def warn_of_degrees(
@@ -358,10 +356,11 @@ def warn_of_degrees(
         warnings.warn(DegreesWarning(robot, problem), stacklevel=stacklevel)
 
 
-def suspect_degrees(limits: JointLimits, turns: Flags, q: Array) -> bool:
-    """Return whether angles (..., n) [rad] that are far outside their ranges would be inside in degrees."""
-    far = np.maximum(limits.lower - q, q - limits.upper) > FAR_OUTSIDE
-    return bool((far & turns).any() and limits.contains(np.where(turns, np.deg2rad(q), q)).all())
+def ask_for_degrees(limits: JointLimits, turns: Flags, q: Array) -> str:
+    """Return a question about angles (..., n) [rad] far outside their ranges that would be inside in degrees, or nothing."""
+    far = turns & (np.maximum(limits.lower - q, q - limits.upper) > FAR_OUTSIDE)
+    inside = far.any() and limits.contains(np.where(turns, np.deg2rad(q), q)).all()
+    return "are these degrees?" if inside else ""
 
 
 def check_positive(value: ArrayLike, n: int, argument: str) -> Array:

@@ -235,10 +235,8 @@ def refuse_motors(arm: Any, format: str) -> None:
 
 def have_same_matrix(one: Motors | None, other: Motors | None) -> bool:
     """Return whether two arms have motors with the same names, matrix and offsets, or none."""
-    if one is None or other is None:
-        return one is other
-    same = np.array_equal(one.matrix, other.matrix) and np.array_equal(one.offset, other.offset)
-    return one.names == other.names and same
+    first, second = (m and (m.names, m.matrix.tolist(), m.offset.tolist()) for m in (one, other))
+    return first == second
 
 
 def maker_names(robot: Any) -> tuple[str, ...]:

@@ -132,9 +132,7 @@ def read_pose(data: Any, argument: str, *, optional: tuple[str, ...] = ()) -> Ar
     kinds = [kind for kind in ORIENTATIONS if kind in data]
     if len(kinds) > 1:
         raise InvalidInput(argument, " and ".join(kinds), "one orientation")
-    turns = [
-        make_rotation(k, read_vector(data[k], f"{argument}.{k}", ORIENTATIONS[k]), f"{argument}.{k}") for k in kinds
-    ]
+    turns = [make_rotation(k, read_vector(data[k], at := f"{argument}.{k}", ORIENTATIONS[k]), at) for k in kinds]
     return se3.pose(*turns, p=xyz)
 
 
@@ -145,7 +143,7 @@ def make_rotation(kind: str, values: Array, argument: str) -> Array:
     if kind == "rotation_vector_rad":
         if not (length := float(np.linalg.norm(values))) <= LONGEST_ROTATION:
             raise InvalidInput(
-                argument, f"a vector of length {length:.6g}", "a rotation vector of at most a turn [rad]"
+                argument, f"a vector of length {length:.6g}", "a rotation vector [rad] of at most a turn"
             )
         return se3.exp_so3(values)
     return np.asarray(se3.from_xyz_rpy(np.zeros(3), values if kind == "rpy_deg" else values[::-1])[:3, :3])

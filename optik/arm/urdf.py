@@ -247,20 +247,18 @@ def _check_ranges(robot: str, joints: list[Joint], lower: Array, upper: Array) -
                   if lower[i] == upper[i]]:  # fmt: skip
         advice = "give its range, or the type fixed"
         raise RobotModelError(robot, f"joint {join_names(locked)} cannot move: {advice}")
-    soft = [(joint, *(_read_soft(robot, joint, side) for side in ("lower", "upper"))) for joint in joints]
-    narrower = [f"{joint.name!r} [{a:g}, {b:g}]" for (joint, a, b), low, high in zip(soft, lower, upper, strict=True)
-                if a < b and (a > low or b < high)]  # fmt: skip
+    narrower = []
+    for joint, low, high in zip(joints, lower, upper, strict=True):
+        soft = [
+            joint.element.get("safety_controller", {}).get(f"soft_{side}_limit", "0") for side in ("lower", "upper")
+        ]
+        a, b = (read_number(robot, f"joint {joint.name!r}", text, "soft limit") for text in soft)
+        narrower += [f"{joint.name!r} [{a:g}, {b:g}]"] if a < b and (a > low or b < high) else []
     if narrower:
         problem = f"the soft limits of <safety_controller> are not the ranges: {join_names(narrower)}; with_limits sets others"
         warnings.warn(RobotModelWarning(robot, problem), stacklevel=5)
     turns = [joint.kind != "prismatic" for joint in joints]
     warn_of_degrees(robot, [joint.name for joint in joints], (lower, upper), turns, stacklevel=6)
-
-
-def _read_soft(robot: str, joint: Joint, side: str) -> float:
-    """Read a soft limit of a joint's <safety_controller>, by default 0."""
-    text = joint.element.get("safety_controller", {}).get(f"soft_{side}_limit", "0")
-    return read_number(robot, f"joint {joint.name!r}", text, f"soft {side} limit")
 
 
 def _describe_lock(joint: Joint, value: float) -> str:
@@ -304,9 +302,8 @@ def _read_torques(robot: str, joints: list[Joint]) -> Array | None:
 def _positive(robot: str, joint: Joint, tag: str, name: str) -> float:
     """Read a number ≥ 0 from an attribute of a joint's element; a missing one is 0, and a limit may be infinite."""
     text, where = joint.element.get(tag, {}).get(name, "0"), f"joint {joint.name!r}"
-    value = (
-        np.inf if tag == "limit" and text.strip().lower() in INFINITE_TEXTS else read_number(robot, where, text, name)
-    )
+    infinite = tag == "limit" and text.strip().lower() in INFINITE_TEXTS
+    value = np.inf if infinite else read_number(robot, where, text, name)
     if value < 0.0:
         raise RobotModelError(robot, f"{where}: {name} {value:.6g}, expected a number ≥ 0")
     return value

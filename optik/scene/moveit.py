@@ -95,18 +95,14 @@ def scene_from_moveit(text: str, suffix: str = ".yaml") -> dict[str, Any]:
     return {**objects, "names": names, "allow": allow, "notes": tuple(notes)}
 
 
-def _find_scene(data: Any) -> dict[str, Any]:
+def _find_scene(data: Any) -> Any:
     """Return the first scene at any depth of a message, or one of its objects."""
     for one in find_mappings(data):
         if "world" in one:
             return one
         if "collision_objects" in one:
             return {"world": one}
-    return (
-        {"world": {"collision_objects": [data]}}
-        if isinstance(data, dict) and "id" in data
-        else read_fields(data, "scene")
-    )
+    return {"world": {"collision_objects": [data]}} if "id" in read_fields(data, "scene") else data
 
 
 def _check_links(scene: dict[str, Any]) -> None:

@@ -8,14 +8,13 @@ quantity. Components of a path, such as the name of a topic, may have any words.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
 from decimal import Decimal
 
 import numpy as np
 
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
-from optik.tables import UNIT_SIZES, Names, TableColumn, TextTable, find_size, read_names, split_unit
+from optik.tables import TableColumn, TextTable, find_size, split_unit
 from planners.ros.message import POINT_FIELDS, MessagePoints
 
 CLOCKS = ("t", "time", "times", "timestamp", "timestamps", "stamp", "elapsed", "clock", "epoch")
@@ -34,106 +33,71 @@ ORDERS = {word: order for order, words in enumerate(WORDS) for word in words.spl
 """Order of the derivative of each word."""
 CONTRARY = {"error", "errors"}
 """Words that make a quantity another one, also in a path."""
-NUMBER = re.compile(r"(?<!\d)\d{1,4}(?!\d)")
-"""Numbers of joints."""
-LONGEST_HEADER = 200
-"""Longest header that is divided into words."""
-ROS_TIME = 4.2e15
-"""Least whole number without a unit that is a time in nanoseconds [ns]: microseconds since 1970 are smaller until 2103."""
-Quantities = dict[str, tuple[str, str]]
-"""Units of columns, or empty strings, and their units in the SI, by the headers."""
+NUMBER, LONGEST_HEADER = re.compile(r"(?<!\d)\d{1,4}(?!\d)"), 200
+"""Numbers of joints, and the longest header that is divided into words."""
+Columns = dict[str, TableColumn]
+"""Columns by their headers."""
 
 
-def read_units(given: Names) -> dict[str, str]:
-    """Return the units of ``unit=`` for m, rad and s."""
-    names, bases = read_names(given, "unit"), {unit: next(iter(sizes)) for sizes in UNIT_SIZES for unit in sizes}
-    found = {bases[unit]: unit for unit in names if unit in bases}
-    if len(found) < len(names):
-        known = "; ".join(map(", ".join, UNIT_SIZES))
-        raise InvalidInput("unit", ",".join(names)[:60], f"one unit of each quantity, such as 'ms,deg': {known}")
-    return found
+def list_units(robot: Robot, order: int) -> list[str]:
+    """Return the units of the joints' positions, or of their derivatives."""
+    return [("m" if slides else "rad") + ("", "/s", "/s2")[order] for slides in robot.prismatic]
 
 
-def read_log(table: TextTable, robot: Robot, names: list[str], units: Mapping[str, str]) -> MessagePoints:
-    """Return the setpoints of a table."""
-    sets, clocks = _find_sets(table, robot, names), _find_clocks(table)
-    used: Quantities = {header: given for own in sets.values() for header, given in own.items()}
-    clocks = {header: given for header, given in clocks.items() if header not in used}
+def read_log(table: TextTable, robot: Robot, names: list[str]) -> MessagePoints:
+    """Return the setpoints of a table, in SI units where the header states no others."""
+    sets = _find_sets(table, robot, names)
+    used = {header: column for own in sets.values() for header, column in own.items()}
+    clocks = {header: column for header, column in _find_clocks(table).items() if header not in used}
     stems = {split_unit(header)[0] for header in clocks}
-    found = {"times": clocks, POINT_FIELDS[0]: {}, **{POINT_FIELDS[order]: own for order, own in sets.items()}}
-    pair = len(stems) == 1 and {unit for unit, _ in clocks.values()} == {"s", "ns"}
-    expected = (
-        f"one column of times (t, timestamp, time_ms …), and one for each of {', '.join(names)} (by name, or q1 …)"
-    )
+    pair = len(stems) == 1 and {column.unit for column in clocks.values()} == {"s", "ns"}
+    expected = f"one column of times (t, stamp, time_ms …), and one for each of {', '.join(names)} (by name, or q1 …)"
     if len(clocks) != 1 + pair or 0 not in sets or (2 in sets and 1 not in sets):
-        known = "; ".join(f"{kind}: {', '.join(own) or 'none'}" for kind, own in found.items())
-        advice = f"found are {known}"[:200]
-        raise table.make_header_error(
-            expected, f"{advice}; columns='t,{','.join(names)}' names all columns, ignore= leaves some out"
-        )
+        found = {"times": clocks, POINT_FIELDS[0]: {}, **{POINT_FIELDS[order]: own for order, own in sets.items()}}
+        known = "; ".join(f"{kind}: {', '.join(own) or 'none'}" for kind, own in found.items())[:200]
+        advice = f"columns='t,{','.join(names)}' names all columns, ignore= leaves some out"
+        raise table.make_header_error(expected, f"found are {known}; {advice}")
     table.refuse_others([*clocks, *used], expected)
-    table, assumed = _measure(table, clocks | used, units)
-    clock, first = list(clocks), table.read_numbers(list(clocks))[:1].sum()
+    table, clock, sizes = table._replace(columns=clocks | used), [*clocks], [c.size for c in clocks.values()]
+    begin = float(table.read_numbers(clock)[:1].sum())
     rows = [[Decimal(cell.replace(",", ".")) for cell in table.read_cells(i, clock)] for i in range(len(table.lines))]
-    sizes = [table.columns[header].size for header in clock]
-    if "s" in assumed and abs(first) >= ROS_TIME and all(time[0] == int(time[0]) for time in rows):
-        assumed, sizes, first = [unit for unit in assumed if unit != "s"], [1e-9], first * 1e-9
-        table.notes.append("the times are in nanoseconds, because they are so large")
-    # differences of decimals are exact for times since 1970, too
-    t = [sum(float(x - x0) * size for x, x0, size in zip(time, rows[0], sizes, strict=True)) for time in rows]
-    if assumed:
-        table.notes.append(f"no units in the header, read in {', '.join(assumed)}: unit='ms,deg' gives others")
-    values, since = [table.read_numbers(list(sets[order])) for order in sorted(sets)], _find_words(stems.pop().lower())
-    locate, from_start = lambda i: table.locate(i, *clock), since[-3:] == SINCE_START
-    return MessagePoints(np.array(t), float(first), values, from_start, locate, table.notes, assumed)
+    t = np.array([sum(float(x - x0) * size for x, x0, size in zip(row, rows[0], sizes, strict=True)) for row in rows])
+    orders, from_start = sorted(sets), _find_words(stems.pop().lower())[-3:] == SINCE_START
+    values = [table.read_numbers(list(sets[order])) for order in orders]
+    pairs = [*zip(["s"], clocks.values(), strict=False)]
+    pairs += [pair for k in orders for pair in zip(list_units(robot, k), sets[k].values(), strict=True)]
+    assumed = dict.fromkeys(unit for unit, column in pairs if not column.unit)
+    return MessagePoints(t, begin, values, from_start, lambda i: table.locate(i, *clock), table.notes, assumed)
 
 
-def _measure(table: TextTable, used: Quantities, units: Mapping[str, str]) -> tuple[TextTable, list[str]]:
-    """Return the used columns with the sizes of their units, and the units that are assumed."""
-    columns, assumed = {}, []
-    for header, (unit, usual) in used.items():
-        base, slash, per = usual.partition("/")
-        given = units.get(base, base) + slash + per
-        size = find_size(unit, given) or 1.0
-        if unit and base in units and size != find_size("", given):
-            raise InvalidInput("unit", repr(units[base]), f"{unit}, the unit in {table.locate(None, header)}, or none")
-        columns[header] = TableColumn(table.columns[header].at, unit, size)
-        assumed += [usual] * (not unit and base not in units and usual not in assumed)
-    return table._replace(columns=columns), assumed
-
-
-def _find_sets(table: TextTable, robot: Robot, names: list[str]) -> dict[int, Quantities]:
+def _find_sets(table: TextTable, robot: Robot, names: list[str]) -> dict[int, Columns]:
     """Return the columns of each order of derivative: those with the joints' names, or with numbers in their order."""
-    known = [re.compile(rf"(?<![^\W_]){re.escape(name)}(?![^\W_])", re.IGNORECASE) for name in names]
-    found: dict[int, Quantities] = {}
+    named = [re.compile(rf"(?<![^\W_]){re.escape(name)}(?![^\W_])", re.IGNORECASE) for name in names]
+    found: dict[int, Columns] = {}
     for by_name in (True, False):
-        groups: dict[str, dict[int, list[tuple[str, str]]]] = {}
-        headers = [h for h in table.columns if len(h) <= LONGEST_HEADER and not any(h in own for own in found.values())]
-        for header in headers:
-            marks = [(i, m) for i, pattern in enumerate(known) for m in pattern.finditer(header)]
+        groups: dict[str, dict[int, Columns]] = {}
+        others = [h for h in table.columns if len(h) <= LONGEST_HEADER and not any(h in own for own in found.values())]
+        for header in others:
+            marks = [(i, m) for i, pattern in enumerate(named) for m in pattern.finditer(header)]
             marks = [(i, m) for i, m in marks if len(m[0]) == max(len(other[0]) for _, other in marks)]
-            for i, m in marks if by_name else ((int(m[0]), m) for m in NUMBER.finditer(header)):
+            for i, m in marks if by_name else [(int(m[0]), m) for m in NUMBER.finditer(header)]:
                 stem, unit = split_unit(f"{header[: m.start()]}@{header[m.end() :]}")
-                groups.setdefault(stem, {}).setdefault(i, []).append((header, unit))
+                groups.setdefault(stem, {}).setdefault(i, {})[header] = table.columns[header]._replace(unit=unit)
         for stem, members in groups.items():
             order, begin = _find_order(stem), min(members)
             if order is None or begin > 1 or sorted(members) != [*range(begin, begin + robot.n)]:
                 continue
-            usual = [("m" if slides else "rad") + ("", "/s", "/s2")[order] for slides in robot.prismatic]
-            own = {h: (unit, si) for i, si in enumerate(usual) for h, unit in members[begin + i] if find_size(unit, si)}
-            both = found.get(order, {}) | own
-            if len(own) >= robot.n < len(both):
-                advice = f"ignore={','.join([*both][robot.n :])!r} leaves columns out"
-                raise InvalidInput(
-                    table.locate(),
-                    f"{','.join(both)}"[:160],
-                    f"one column of {POINT_FIELDS[order]} for each joint",
-                    advice=advice,
-                )
+            pairs = [(unit, *x) for i, unit in enumerate(list_units(robot, order)) for x in members[begin + i].items()]
+            own = {header: c._replace(size=size) for usual, header, c in pairs if (size := find_size(c.unit, usual))}
+            if len(own) >= robot.n and len(both := found.get(order, {}) | own) > robot.n:
+                first = found.get(order) or [next(iter(each)) for each in members.values()]
+                advice = f"ignore={','.join(h for h in both if h not in first)!r} leaves columns out"
+                expected = f"one column of {POINT_FIELDS[order]} for each joint"
+                raise InvalidInput(table.locate(), ",".join(both)[:160], expected, advice=advice)
             if len(own) == robot.n and order not in found:
                 found[order] = own
-                if not by_name:
-                    table.notes.append(f"the columns {','.join(own)} are {','.join(names)}, by their numbers"[:200])
+                words = f"the columns {','.join(own)} are {','.join(names)}, by their numbers"
+                table.notes.extend([words[:200]] * (not by_name))
     return found
 
 
@@ -154,14 +118,14 @@ def _find_words(text: str) -> list[str]:
     return re.findall(r"A@|[^\W\d_]+|\d+|@", re.sub(r"(?<=[a-z])(?=[A-Z])", "_", text))
 
 
-def _find_clocks(table: TextTable) -> Quantities:
+def _find_clocks(table: TextTable) -> Columns:
     """Return the columns of times."""
     found = {}
-    for header in table.columns:
+    for header, column in table.columns.items():
         stem, unit = split_unit(header)
-        unit, words = "ns" if header.startswith("%") else unit, _find_words(stem.lower())
-        if find_size(unit, "s") and (
-            words[-3:] == SINCE_START or (words[-1] in CLOCKS if words else bool(unit) and len(header) > 1)
-        ):
-            found[header] = (unit, "s")
+        whole, words = all(cells[column.at].isdigit() for _, cells in table.lines), _find_words(stem.lower())
+        unit = "ns" if header == "%time" and whole else unit  # of rostopic echo -p
+        named = words[-1] in CLOCKS or words[-3:] == SINCE_START if words else bool(unit) and header.lower() != "s"
+        if named and (size := find_size(unit, "s")):
+            found[header] = TableColumn(column.at, unit, size)
     return found

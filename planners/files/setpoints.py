@@ -5,24 +5,24 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from pathlib import Path as FilePath
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from optik.arm.limits import DEGREES_QUESTION, suspect_degrees
+from optik.arm.limits import ask_for_degrees
 from optik.arm.motors import have_same_matrix, maker_joints, maker_limits, maker_names
 from optik.arm.robot import Robot
 from optik.check import locate_error
 from optik.errors import InvalidInput
 from optik.file_io import check_suffix, decode_text, parse_json, read_bytes
 from optik.scene.messages import find_mappings
-from optik.tables import Names, find_size, read_names, read_table, warn_of_assumptions
+from optik.tables import UNIT_SIZES, Names, find_size, read_names, read_table, warn_of_assumptions
 from optik.types import Array
 from planners.files import load_motion
 from planners.files.base import CONTENT
-from planners.files.headers import read_log, read_units
+from planners.files.headers import list_units, read_log
 from planners.motion import Motion
 from planners.paths.goal import find_continuous
 from planners.ros.export import MESSAGE_SUFFIXES, JointNames, find_columns
@@ -34,6 +34,8 @@ READ_SUFFIXES = (".csv", *MESSAGE_SUFFIXES)
 """Suffixes of the files that can be read."""
 LATEST, LONGEST_STEP = 1e11, 1e5
 """Latest time by any clock, and longest time between two setpoints [s]: larger ones are in another unit."""
+ROS_TIME = 4.2e15
+"""Least whole number without a unit that is a time in nanoseconds [ns]: microseconds since 1970 are smaller until 2103."""
 TURN = 2.0 * np.pi * (1.0 + 1e-6)
 """Largest range of wrapped positions [rad]."""
 SPLINE = "spline"
@@ -93,15 +95,19 @@ def load_trajectory(
     if not isinstance(robot, Robot):
         raise InvalidInput("robot", repr(robot)[:60], "a Robot")
     if saved := read_saved(file):
-        _check_arm(saved.motion, robot, file)
-        if saved.is_exact and all(x is None for x in (interpolation, start, ignore, unwrap, columns, unit)):
-            return saved.motion.trajectory
+        _check_arm(saved[0], robot, file)
         if unit is not None:
             raise InvalidInput("unit", repr(unit)[:60], f"none, because {file} states its units")
-        unit = "s,rad,m"
+        if saved[1] and all(x is None for x in (interpolation, start, ignore, unwrap, columns)):
+            return saved[0].trajectory
     names = Form("", find_columns(robot, joint_names)).names
     try:
-        found = _read_found(FilePath(file), suffix, robot, names, columns, ignore, unit)
+        found = _convert(_read_found(FilePath(file), suffix, robot, names, columns, ignore), robot, unit)
+        if saved is None:
+            _check_meant(found, robot)
+            if found.assumed and suffix == ".csv":
+                words = ", ".join(found.assumed)
+                found.notes.append(f"no units in the header, read in {words}: unit='ms,deg' gives others")
         trajectory = _build(found, robot, interpolation, start, unwrap)
         if robot.motors is not None:
             trajectory = map_joints(trajectory, robot.motors.matrix, robot.motors.offset)
@@ -115,32 +121,23 @@ def load_trajectory(
 
 
 def _read_found(
-    file: FilePath, suffix: str, robot: Robot, names: list[str], columns: Names, ignore: Names, unit: Names
+    file: FilePath, suffix: str, robot: Robot, names: list[str], columns: Names, ignore: Names
 ) -> MessagePoints:
     """Return the setpoints of a table or a message."""
-    units = read_units(unit)
     if suffix == ".csv":
-        return read_log(read_table(file, columns, ignore), robot, names, units)
+        return read_log(read_table(file, columns, ignore), robot, names)
     message = _find_message(from_text(decode_text(read_bytes(file)), suffix))
-    return _convert(read_points(message, names, read_names(ignore, "ignore")), robot, units)
+    return read_points(message, names, read_names(ignore, "ignore"))
 
 
-class Saved(NamedTuple):
-    """The motion of a file that `save` wrote, and whether the file is read as exact polynomials, not as points at a rate."""
-
-    motion: Motion
-    is_exact: bool
-
-
-def read_saved(file: str | os.PathLike[str]) -> Saved | None:
-    """Return the motion of a file that `save` wrote; None for other files.
+def read_saved(file: str | os.PathLike[str]) -> tuple[Motion, bool] | None:
+    """Return the motion of a file that `save` wrote, and whether it has no rate; None for other files.
 
     Joints rounded to 16 digits give a piece of 1 ms a jerk that is off by 1e-5 rad/s³: the polynomials of the file are exact.
     """
     content, suffix = read_bytes(FilePath(file)), FilePath(file).suffix.lower()
     if suffix == ".csv":
-        exact = b"\n# rate: " not in content
-        return Saved(load_motion(file), exact) if content.startswith(b"# format") else None
+        return (load_motion(file), b"\n# rate: " not in content) if content.startswith(b"# format") else None
     data = parse_json(decode_text(content, str(file)), str(file)) if suffix == ".json" else None
     found = data.get("format") if isinstance(data, dict) else None
     if isinstance(found, str) and found.startswith("optik-") and found != CONTENT:
@@ -148,7 +145,7 @@ def read_saved(file: str | os.PathLike[str]) -> Saved | None:
         raise InvalidInput(
             f"{file}: format", repr(found)[:60], "setpoints, a message, or a saved motion", advice=advice
         )
-    return Saved(load_motion(file), True) if found == CONTENT else None
+    return (load_motion(file), True) if found == CONTENT else None
 
 
 def _check_arm(saved: Motion, robot: Robot, file: str | os.PathLike[str]) -> None:
@@ -156,8 +153,7 @@ def _check_arm(saved: Motion, robot: Robot, file: str | os.PathLike[str]) -> Non
     if saved.robot.joint_names != robot.joint_names:
         raise InvalidInput(f"{file}: joint_names", ", ".join(saved.robot.joint_names), f"those of {robot.name}")
     if not have_same_matrix(saved.robot.motors, robot.motors):
-        got = "another matrix of motors" if saved.robot.motors else "a motion of an arm without coupled motors"
-        raise InvalidInput(f"{file}: motors", got, f"that of {robot.name}")
+        raise InvalidInput(f"{file}: motors", "other motors, or another matrix", f"those of {robot.name}")
 
 
 def _find_message(data: Any) -> Any:
@@ -168,35 +164,41 @@ def _find_message(data: Any) -> Any:
     return found[0] if found else data
 
 
-def _convert(found: MessagePoints, robot: Robot, units: dict[str, str]) -> MessagePoints:
-    """Return the setpoints of a message in SI units."""
-    if "s" in units and "s" not in found.assumed:
-        raise InvalidInput("unit", repr(units["s"]), "none of times, because messages have seconds and nanoseconds")
-    size, *sizes = [
-        find_size(units.get(u, u), u) or 1.0 for u in ("s", *("m" if s else "rad" for s in robot.prismatic))
-    ]
-    values, assumed = [rows * np.array(sizes) for rows in found.values], set(found.assumed) - {*units}
-    return found._replace(t=found.t * size, begin=found.begin * size, values=values, assumed=assumed)
+def _convert(found: MessagePoints, robot: Robot, unit: Names) -> MessagePoints:
+    """Return setpoints in SI units, with the units of ``unit=`` where the file states none."""
+    bases, given = {one: next(iter(sizes)) for sizes in UNIT_SIZES for one in sizes}, read_names(unit, "unit")
+    units, left = {bases.get(one, ""): one for one in given}, list(found.assumed)
+    if len(units) < len(given) or not {*units} <= {one.partition("/")[0] for one in left}:
+        expected = f"units instead of {', '.join(left) or 'none'}, which the file does not state, such as 'ms,deg'"
+        raise InvalidInput("unit", ",".join(given)[:60], expected)
+    if "s" in left and "s" not in units and found.begin >= ROS_TIME and not (found.t % 1.0).any():
+        units["s"] = "ns"
+        found.notes.append("the times are in nanoseconds, because they are large whole numbers")
+    sizes = {
+        one: find_size("", units.get(base, base) + slash + per)
+        for one in left
+        for base, slash, per in [one.partition("/")]
+    }
+    values = [rows * [sizes.get(one, 1.0) for one in list_units(robot, k)] for k, rows in enumerate(found.values)]
+    t, begin = (x * sizes.get("s", 1.0) for x in (found.t, found.begin))
+    return found._replace(
+        t=t, begin=begin, values=values, assumed=[one for one in left if one.partition("/")[0] not in units]
+    )
 
 
 def _check_meant(found: MessagePoints, robot: Robot) -> None:
     """Raise InvalidInput for times and positions without units that cannot be meant in seconds and radians."""
     far = (np.abs(found.t + found.begin) > LATEST) | (np.diff(found.t, prepend=0.0) > LONGEST_STEP)
-    for i in np.flatnonzero(far & ("s" in found.assumed))[:1]:
-        got, expected = (
-            f"{found.t[i] + found.begin:.6g} s",
-            f"times within {LATEST:g} s, and steps of at most {LONGEST_STEP:g} s",
-        )
-        raise InvalidInput(found.locate(int(i)), got, expected, advice="unit='ms', 'us' or 'ns' gives another unit")
-    q, limits, turns = found.values[0], maker_limits(robot), ~robot.prismatic
-    if "rad" in found.assumed and suspect_degrees(limits, turns, q):
+    for i in np.flatnonzero(far & ("s" in found.assumed)).tolist()[:1]:
+        expected = f"times within {LATEST:g} s, and steps of at most {LONGEST_STEP:g} s"
+        advice = "unit='ms', 'us' or 'ns' gives another unit"
+        raise InvalidInput(found.locate(i), f"{found.t[i] + found.begin:.6g} s", expected, advice=advice)
+    q, turns, limits = found.values[0], ~robot.prismatic, maker_limits(robot)
+    if "rad" in found.assumed and (asked := ask_for_degrees(limits, turns, q)):
         low, high = limits.lower, limits.upper
         i, j = np.unravel_index(np.argmax(np.where(turns, np.maximum(low - q, q - high), 0.0)), q.shape)
-        got, expected = (
-            f"{maker_names(robot)[j]} = {q[i, j]:.6g}",
-            f"its range in radians, [{low[j]:.6g}, {high[j]:.6g}]",
-        )
-        advice = f"{DEGREES_QUESTION} unit='deg' reads degrees, unit='rad' radians"
+        got, expected = f"{maker_names(robot)[j]} = {q[i, j]:.6g}", f"its range [{low[j]:.6g}, {high[j]:.6g}] [rad]"
+        advice = f"{asked} unit='deg' reads degrees, unit='rad' radians"
         raise InvalidInput(found.locate(int(i)), got, expected, advice=advice)
 
 
@@ -205,7 +207,6 @@ def _build(
 ) -> Trajectory:
     """Return the trajectory through setpoints."""
     t, values, first = found.t, found.values, 0
-    _check_meant(found, robot)
     for i in np.flatnonzero(~(np.diff(t) > 0.0))[:1]:
         got = f"{t[i + 1] + found.begin:.9g} s after {t[i] + found.begin:.9g} s"
         raise InvalidInput(found.locate(i + 1), got, "times that increase")
@@ -223,9 +224,8 @@ def _build(
     elif found.begin:
         found.notes.append(f"the motion starts at the first time, {found.begin:.15g} s")
     if t.size < 2:
-        raise InvalidInput(
-            found.locate(0), "one point", "at least two, or a later one and start=Q, the configuration at 0 s"
-        )
+        expected = "at least two, or a later one and start=Q, the configuration at 0 s"
+        raise InvalidInput(found.locate(0), "one point", expected)
     values[0] = _remove_turns(t, values[0], robot, unwrap, lambda i: found.locate(i - first))
     if interpolation == SPLINE:  # through the points; the controller reaches the first one from the start
         spline = scipy.interpolate.CubicSpline(t[first:], values[0][first:], bc_type="clamped")

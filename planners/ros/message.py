@@ -54,6 +54,10 @@ def message_of(trajectory: Trajectory, times: Times, form: Form) -> dict[str, An
     return {"header": header, "joint_names": list(form.columns), "points": points}
 
 
+RATES = ("rad", "rad/s", "rad/s2", "m", "m/s", "m/s2")
+"""Units of messages."""
+
+
 class MessagePoints(NamedTuple):
     """Setpoints: times (k,) [s] from the first one, which is at `begin` of a clock, and values (k, n) by order of derivative.
 
@@ -67,7 +71,7 @@ class MessagePoints(NamedTuple):
     from_start: bool
     locate: Callable[[int], str]
     notes: list[str]
-    assumed: Collection[str] = ("rad",)
+    assumed: Collection[str] = RATES
 
 
 def reconstruct(message: Any, names: list[str]) -> Trajectory:
@@ -105,7 +109,7 @@ def read_points(message: Any, names: list[str], ignore: Collection[str] = ()) ->
     if times is not None:
         seconds = [read_time(x, clock) / NANOSECONDS if isinstance(x, dict) else x for x in times]
         t = read_floats(seconds, clock, len(points))
-        assumed = ("s", "rad")[any(isinstance(x, dict) for x in times) :]
+        assumed = ("s", *RATES)[any(isinstance(x, dict) for x in times) :]
         return MessagePoints(t - t[0], float(t[0]), values, clock != "times", f"{clock}[{{}}]".format, [], assumed)
     since = [p.get("time_from_start", {}) for p in points]
     ns = np.array([read_time(x, f"points[{i}].time_from_start") for i, x in enumerate(since)])

@@ -88,6 +88,8 @@ def test_two_sets_of_columns_are_refused(read: Callable[..., Trajectory]) -> Non
     ):
         read(head)
     check(read(head, ignore="target_q_0,target_q_1,target_q_2"))
+    with pytest.raises(InvalidInput, match=r"ignore='shoulder_rad,elbow_rad,wrist_rad' leaves columns out"):
+        read("t;shoulder_deg;shoulder_rad;elbow_deg;elbow_rad;wrist_deg;wrist_rad")
     with pytest.raises(InvalidInput, match=r"line 1: .*times: t, stamp;"):
         read("t;shoulder;elbow;wrist;stamp;x;y", ignore="x,y")
 
@@ -96,7 +98,9 @@ def test_units_come_from_the_header_the_size_or_the_option(read: Callable[..., T
     deg = 180.0 / np.pi
     check(read("t_us;shoulder [deg];elbow [deg];wrist [deg]", (0, 500_000, 1_000_000), deg))
     check(read("t;shoulder;elbow;wrist", (0, 500, 1000), deg, unit=["deg", "ms"]))
-    with pytest.warns(AssumptionWarning, match="nanoseconds, because they are so large"):
+    check(read("%time;shoulder;elbow;wrist", (0, 500_000_000, 1_000_000_000)))  # of rostopic echo -p
+    check(read("%time;shoulder;elbow;wrist"))  # a header that another program marks as a comment
+    with pytest.warns(AssumptionWarning, match="nanoseconds, because they are large whole numbers"):
         check(
             read(
                 "t;shoulder_deg;elbow_deg;wrist_deg",
@@ -109,11 +113,11 @@ def test_units_come_from_the_header_the_size_or_the_option(read: Callable[..., T
         with pytest.raises(InvalidInput, match=r"line [23], column t: .* unit='ms', 'us' or 'ns'"):
             read("t;shoulder;elbow;wrist", times)
     with pytest.raises(
-        InvalidInput, match=r"^unit: expected deg, the unit in .*line 1, column shoulder_deg, or none; got 'rad'"
+        InvalidInput, match=r"^unit: expected units instead of none, which the file does not state.* got rad"
     ):
         read("t_s;shoulder_deg;elbow_deg;wrist_deg", unit="rad")
     for wrong in ("furlong", "ms,us", "ms,"):
-        with pytest.raises(InvalidInput, match=r"^unit: expected one unit of each quantity"):
+        with pytest.raises(InvalidInput, match=r"^unit: expected units instead of s, rad, which"):
             read("t;shoulder;elbow;wrist", unit=wrong)
 
 
@@ -129,14 +133,16 @@ def test_degrees_that_cannot_be_radians_are_asked_for(read: Callable[..., Trajec
 
 def test_messages_have_units_too(tmp_path: Path, arm: optik.Robot) -> None:
     data = {"joint_names": headers.NAMES, "times": [0.0, 500.0, 1000.0], "positions": np.rad2deg(Q).tolist()}
+    data["velocities"] = np.rad2deg(V := np.array([[0.0] * 3, [0.1, 0.2, 0.3], [0.0] * 3])).tolist()
     (file := tmp_path / "log.json").write_text(json.dumps(data))
     with pytest.raises(InvalidInput, match=r"log.json: times\[2\]: .*are these degrees\?"):
         load_trajectory(file, arm)
-    check(load_trajectory(file, arm, unit="ms,deg"))
+    check(found := load_trajectory(file, arm, unit="ms,deg"))
+    np.testing.assert_allclose(found(found.knots, 1), V, rtol=0, atol=1e-12)
     file.write_text(json.dumps(data).replace("times", "time_from_start"))
     check(load_trajectory(file, arm, unit="ms,deg"))
     times = [{"sec": 0, "nanosec": 500_000_000 * k} for k in range(2)]
     file.write_text(json.dumps({"joint_names": headers.NAMES, "time_from_start": times, "positions": Q[:2]}))
     assert load_trajectory(file, arm).duration == 0.5
-    with pytest.raises(InvalidInput, match=r"^unit: expected none of times"):
+    with pytest.raises(InvalidInput, match=r"^unit: expected units instead of rad.* got ms,deg"):
         load_trajectory(file, arm, unit="ms,deg")
