@@ -236,8 +236,8 @@ def read_names(value: Names, argument: str) -> tuple[str, ...]:
     return check_words(() if value is None else value, argument)
 
 
-def warn_of_assumptions(file: str | os.PathLike[str], notes: Iterable[str]) -> tuple[str, ...]:
+def warn_of_assumptions(file: str | os.PathLike[str], notes: Iterable[str], stacklevel: int = 3) -> tuple[str, ...]:
     """Warn of assumptions made while reading a file, and return them."""
     if told := tuple(notes):
-        warnings.warn(f"{file}: {'; '.join(told)}", AssumptionWarning, stacklevel=3)
+        warnings.warn(f"{file}: {'; '.join(told)}", AssumptionWarning, stacklevel=stacklevel)
     return told

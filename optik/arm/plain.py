@@ -133,7 +133,7 @@ def read_pose(data: Any, argument: str, *, optional: tuple[str, ...] = ()) -> Ar
     if len(kinds) > 1:
         raise InvalidInput(argument, " and ".join(kinds), "one orientation")
     turns = [make_rotation(k, read_vector(data[k], at := f"{argument}.{k}", ORIENTATIONS[k]), at) for k in kinds]
-    return se3.pose(*turns, p=xyz)
+    return se3.pose(turns[0] if turns else None, xyz)
 
 
 def make_rotation(kind: str, values: Array, argument: str) -> Array:

@@ -52,12 +52,12 @@ def load_trajectory(
     Parameters
     ----------
     file : str or path
-        ``.csv``: a table, with separators and units as in `Polyline.from_csv`: a column of times, such as ``t``, ``%time`` or
-        ``timestamp_ms``, one for each joint by its name or by numbers, such as ``NAME_deg``, ``/joints/NAME/position`` or
-        ``q1``, and optionally columns of velocities (``dq_``, ``vel_``) and accelerations (``ddq_``, ``acc_``). ``.json``:
-        ``joint_names``, ``times`` (k,) [s], ``positions`` (k, n), optionally ``velocities``, ``accelerations``. The first
-        time need not be 0. ``.json``, ``.yaml``, ``.yml``: a ``JointTrajectory`` of ROS 1 or 2, or a message that contains
-        one. Of a file that `save` wrote, the exact polynomials are read, unless an option after ``joint_names`` is given.
+        ``.csv``: a table, with separators and units as in `Polyline.from_csv`: a column of times such as ``t``, ``%time`` or
+        ``timestamp_ms``, one for each joint by name or number, such as ``NAME_deg``, ``/joints/NAME/position`` or ``q1``, and
+        perhaps of velocities (``dq_``, ``vel_``) and accelerations (``ddq_``, ``acc_``). ``.json``: ``joint_names``, ``times``
+        (k,) [s], ``positions`` (k, n), optionally ``velocities``, ``accelerations``. The first time need not be 0. ``.json``,
+        ``.yaml``, ``.yml``: a ``JointTrajectory`` of ROS 1 or 2, or a message that contains one. Of a file that `save` wrote,
+        the exact polynomials are read, unless an option after ``joint_names`` is given.
     robot : Robot
         The arm; its joint names, or those of ``joint_names``, must be the file's, in any order.
     joint_names : mapping, optional
@@ -75,8 +75,7 @@ def load_trajectory(
     columns : str or sequence of str, optional
         Names of the columns of a table without a header, or new names of all columns.
     unit : str or sequence of str, optional
-        Units of times, angles and lengths that the header does not state, such as ``"deg"`` or ``"ms,deg"``; without them the
-        file is read in s, rad and m.
+        Units that the file does not state, such as ``"ms,deg"``; by default s, rad and m, which ``()`` states, too.
 
     Returns
     -------
@@ -86,8 +85,8 @@ def load_trajectory(
     Raises
     ------
     InvalidInput
-        No such file, other joints, times that do not increase, NaN, an interpolation that the points have no data for,
-        positions in radians that are far outside their ranges and would be inside in degrees.
+        No such file, other joints, times that do not increase, NaN, an interpolation that the points have no data for, or
+        degrees without ``unit=``.
     MissingDependency
         YAML without PyYAML.
     """
@@ -95,39 +94,38 @@ def load_trajectory(
     if not isinstance(robot, Robot):
         raise InvalidInput("robot", repr(robot)[:60], "a Robot")
     if saved := read_saved(file):
-        _check_arm(saved[0], robot, file)
-        if unit is not None:
-            raise InvalidInput("unit", repr(unit)[:60], f"none, because {file} states its units")
+        _check_arm(saved[0], robot, file, unit)
         if saved[1] and all(x is None for x in (interpolation, start, ignore, unwrap, columns)):
             return saved[0].trajectory
     names = Form("", find_columns(robot, joint_names)).names
+    return _load(file, suffix, robot, names, (columns, ignore, () if saved else unit), (interpolation, start, unwrap))
+
+
+def _load(
+    file: str | os.PathLike[str], suffix: str, robot: Robot, names: list[str],
+    reading: tuple[Names, Names, Names], following: tuple[str | None, ArrayLike | None, Names],
+) -> Trajectory:  # fmt: skip
+    """Return the trajectory through the setpoints of a table or a message, with its notes."""
+    columns, ignore, unit = reading
     try:
-        found = _convert(_read_found(FilePath(file), suffix, robot, names, columns, ignore), robot, unit)
-        if saved is None:
-            _check_meant(found, robot)
-            if found.assumed and suffix == ".csv":
-                words = ", ".join(found.assumed)
-                found.notes.append(f"no units in the header, read in {words}: unit='ms,deg' gives others")
-        trajectory = _build(found, robot, interpolation, start, unwrap)
+        if suffix == ".csv":
+            found = _convert(read_log(read_table(file, columns, ignore), robot, names), robot, unit)
+            if found.assumed and unit != ():
+                assumed = ", ".join(found.assumed)
+                found.notes.append(f"no units in the header, read in {assumed}: unit='ms,deg' gives others")
+        else:
+            message = _find_message(from_text(decode_text(read_bytes(FilePath(file))), suffix))
+            found = _convert(read_points(message, names, read_names(ignore, "ignore")), robot, unit)
+        trajectory = _build(found, robot, *following)
         if robot.motors is not None:
             trajectory = map_joints(trajectory, robot.motors.matrix, robot.motors.offset)
-            words = f"the positions are those of the motors {', '.join(robot.motors.names)}, with the matrix of {robot.name}"
-            found.notes.extend([words] * (saved is None))
+            words = f"the positions are those of the motors {', '.join(names)}, with the matrix of {robot.name}"
+            found.notes.extend([words] * (unit != ()))
     except InvalidInput as error:
         own = error.argument in ("interpolation", "start", "ignore", "unwrap", "unit") or str(file) in error.argument
         raise (error if own else locate_error(file, error)) from None
-    trajectory.notes = warn_of_assumptions(file, found.notes)
+    trajectory.notes = warn_of_assumptions(file, found.notes, stacklevel=4)
     return trajectory
-
-
-def _read_found(
-    file: FilePath, suffix: str, robot: Robot, names: list[str], columns: Names, ignore: Names
-) -> MessagePoints:
-    """Return the setpoints of a table or a message."""
-    if suffix == ".csv":
-        return read_log(read_table(file, columns, ignore), robot, names)
-    message = _find_message(from_text(decode_text(read_bytes(file)), suffix))
-    return read_points(message, names, read_names(ignore, "ignore"))
 
 
 def read_saved(file: str | os.PathLike[str]) -> tuple[Motion, bool] | None:
@@ -148,8 +146,10 @@ def read_saved(file: str | os.PathLike[str]) -> tuple[Motion, bool] | None:
     return (load_motion(file), True) if found == CONTENT else None
 
 
-def _check_arm(saved: Motion, robot: Robot, file: str | os.PathLike[str]) -> None:
-    """Raise InvalidInput unless a saved motion has the joints of an arm, and the same matrix of motors."""
+def _check_arm(saved: Motion, robot: Robot, file: str | os.PathLike[str], unit: Names) -> None:
+    """Raise InvalidInput unless a saved motion has the joints of an arm and the same matrix of motors, and no unit is given."""
+    if unit is not None:
+        raise InvalidInput("unit", repr(unit)[:60], f"none, because {file} states its units")
     if saved.robot.joint_names != robot.joint_names:
         raise InvalidInput(f"{file}: joint_names", ", ".join(saved.robot.joint_names), f"those of {robot.name}")
     if not have_same_matrix(saved.robot.motors, robot.motors):
@@ -174,16 +174,14 @@ def _convert(found: MessagePoints, robot: Robot, unit: Names) -> MessagePoints:
     if "s" in left and "s" not in units and found.begin >= ROS_TIME and not (found.t % 1.0).any():
         units["s"] = "ns"
         found.notes.append("the times are in nanoseconds, because they are large whole numbers")
-    sizes = {
-        one: find_size("", units.get(base, base) + slash + per)
-        for one in left
-        for base, slash, per in [one.partition("/")]
-    }
+    parts = [(one, *one.partition("/")) for one in left]
+    sizes = {one: find_size("", units.get(base, base) + slash + per) or 1.0 for one, base, slash, per in parts}
     values = [rows * [sizes.get(one, 1.0) for one in list_units(robot, k)] for k, rows in enumerate(found.values)]
-    t, begin = (x * sizes.get("s", 1.0) for x in (found.t, found.begin))
-    return found._replace(
-        t=t, begin=begin, values=values, assumed=[one for one in left if one.partition("/")[0] not in units]
-    )
+    size, left = sizes.get("s", 1.0), [one for one, base, *_ in parts if base not in units]
+    found = found._replace(t=found.t * size, begin=found.begin * size, values=values, assumed=left)
+    if unit != ():
+        _check_meant(found, robot)
+    return found
 
 
 def _check_meant(found: MessagePoints, robot: Robot) -> None:
@@ -196,10 +194,10 @@ def _check_meant(found: MessagePoints, robot: Robot) -> None:
     q, turns, limits = found.values[0], ~robot.prismatic, maker_limits(robot)
     if "rad" in found.assumed and (asked := ask_for_degrees(limits, turns, q)):
         low, high = limits.lower, limits.upper
-        i, j = np.unravel_index(np.argmax(np.where(turns, np.maximum(low - q, q - high), 0.0)), q.shape)
-        got, expected = f"{maker_names(robot)[j]} = {q[i, j]:.6g}", f"its range [{low[j]:.6g}, {high[j]:.6g}] [rad]"
+        row, j = np.unravel_index(np.argmax(np.where(turns, np.maximum(low - q, q - high), 0.0)), q.shape)
+        got, expected = f"{maker_names(robot)[j]} = {q[row, j]:.6g}", f"its range [{low[j]:.6g}, {high[j]:.6g}] [rad]"
         advice = f"{asked} unit='deg' reads degrees, unit='rad' radians"
-        raise InvalidInput(found.locate(int(i)), got, expected, advice=advice)
+        raise InvalidInput(found.locate(int(row)), got, expected, advice=advice)
 
 
 def _build(

@@ -7,7 +7,7 @@ import pytest
 
 import optik
 import planners
-from optik.errors import InvalidInput
+from optik.errors import AssumptionWarning, InvalidInput
 from planners import (
     Arc,
     Dwell,
@@ -52,6 +52,15 @@ def test_poses_frames_and_tools_have_any_orientation(turn: str, tmp_path: Path) 
     )
     np.testing.assert_allclose(first[0].goal, second[0].goal, rtol=0, atol=1e-15)
     np.testing.assert_allclose(first[1].tool, second[1].tool, rtol=0, atol=1e-15)
+
+
+def test_radians_that_are_typed_as_degrees_are_asked_for(tmp_path: Path) -> None:
+    with pytest.warns(
+        AssumptionWarning, match=r"joints: angles of at most 1.57° are read as degrees; are these radians\?"
+    ):
+        found = read(tmp_path, "[[part]]\njoints = [0.3, -1.57, 1.5, -1.57, -1.57, 0]\n")
+    np.testing.assert_allclose(found.program.items[0].goal[1], np.deg2rad(-1.57), rtol=0, atol=1e-15)
+    read(tmp_path, "[[part]]\njoints = [1, -2, 3, 0, 0, 0]\n")  # whole degrees are meant
 
 
 def test_every_key_means_what_its_unit_says(tmp_path: Path) -> None:
