@@ -12,6 +12,7 @@ import os
 import re
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import chain
 from math import isfinite, nan, pi
 from pathlib import Path
 from typing import NamedTuple
@@ -37,6 +38,13 @@ UNIT_SIZES = (
     {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
 )
 """Units of lengths, angles and times, in SI units."""
+SPELLINGS = {"radians": "rad", "degrees": "deg", "sec": "s", "secs": "s", "seconds": "s", "msec": "ms", "µs": "us",
+             "nsec": "ns", "nsecs": "ns", "nanosec": "ns", "nanosecs": "ns"}  # fmt: skip
+"""Other spellings of units."""
+UNITS, PER = "|".join((*SPELLINGS, *chain(*UNIT_SIZES))), r"(?:(?:/|_|_per_)s(?:\^?2|²)?)?"
+"""Regular expressions of units, and of their ends."""
+UNIT_END = re.compile(rf"(?:^|[\W_])((?:{UNITS}){PER})[\])\s]*$", re.IGNORECASE)
+"""The unit at the end of a header: x_mm, x [mm], dq [deg/s], header.stamp.nanosec."""
 Names = str | Iterable[str] | None
 """Names: a list, text with commas, or none."""
 
@@ -93,10 +101,9 @@ class TextTable(NamedTuple):
         """Return the table with wanted columns named without units; a unit in the header replaces the wanted unit."""
         columns: dict[str, TableColumn] = {}
         for whole, column in self.columns.items():
-            head, bracket, tail = whole.replace("(", "[").replace(")", "]").partition("[")
-            name, unit = (head.strip(), tail.rstrip("] ")) if bracket else whole.rpartition("_")[::2]
-            for each, own in ((whole, ""), (whole.lower(), ""), (name, unit.lower()), (name.lower(), unit.lower())):
-                size = _find_size(own, wanted[each]) if each in wanted else None
+            name, unit = split_unit(whole)
+            for each, own in ((whole, ""), (whole.lower(), ""), (name, unit), (name.lower(), unit)):
+                size = find_size(own, wanted[each]) if each in wanted else None
                 if size is not None:
                     whole, column = each, TableColumn(column.at, own, size)
                     break
@@ -206,7 +213,16 @@ def read_number(cell: str) -> float:
         return nan
 
 
-def _find_size(unit: str, usual: str) -> float | None:
+def split_unit(header: str) -> tuple[str, str]:
+    """Return the name in a header, and its unit, such as deg/s, or an empty string."""
+    found = UNIT_END.search(header)
+    if found is None:
+        return header, ""
+    own, _, over = found[1].lower().replace("_per_", "/").replace("_", "/").partition("/")
+    return header[: found.start()].rstrip(" [("), SPELLINGS.get(own, own) + f"/{over}" * bool(over)
+
+
+def find_size(unit: str, usual: str) -> float | None:
     """Return the size of a unit, by default the usual one, in SI units; None for a unit of another quantity."""
     (own, _, over), (base, _, per) = (unit or usual).partition("/"), usual.partition("/")
     known = next((sizes for sizes in UNIT_SIZES if base in sizes), {"": 1.0})
@@ -220,8 +236,8 @@ def read_names(value: Names, argument: str) -> tuple[str, ...]:
     return check_words(() if value is None else value, argument)
 
 
-def warn_of_assumptions(file: str | os.PathLike[str], notes: Iterable[str]) -> tuple[str, ...]:
+def warn_of_assumptions(file: str | os.PathLike[str], notes: Iterable[str], stacklevel: int = 3) -> tuple[str, ...]:
     """Warn of assumptions made while reading a file, and return them."""
     if told := tuple(notes):
-        warnings.warn(f"{file}: {'; '.join(told)}", AssumptionWarning, stacklevel=3)
+        warnings.warn(f"{file}: {'; '.join(told)}", AssumptionWarning, stacklevel=stacklevel)
     return told

@@ -36,6 +36,7 @@ from benchmarks.cli.plan import SceneCommand
 from benchmarks.cli.readers import read_configuration, read_numbers
 from benchmarks.provenance import version_here
 from optik.arm.model import unit_factors, unit_names
+from optik.arm.motors import have_same_matrix
 from optik.errors import InvalidInput
 from optik.file_io import check_suffix, read_bytes
 from optik.ik.base import Tolerance
@@ -84,6 +85,9 @@ class CertifyCommand(LimitsCommand, SceneCommand, TableCommand):
         "Path", "Joints whose jumps by whole turns are removed, comma-separated; none accepts them."
     )
     interpolation: str | None = option("Path", "Interpolation: linear, cubic, quintic, or spline (through positions).")
+    unit: str | None = option(
+        "Path", "Units that the header of FILE does not state: s, ms, us, ns; rad, deg; m, mm; as in ms,deg."
+    )
     html: Path | None = option("Output", "Also write a page with the motion and its plots, FILE.html.")
 
     def run(self) -> None:
@@ -121,10 +125,11 @@ class CertifyCommand(LimitsCommand, SceneCommand, TableCommand):
         """Return the typed arm; for a saved motion, its own arm, and its path if it is a program's with changing payloads."""
         from planners.files.setpoints import read_saved
 
-        saved, warning = read_saved(self.file, exact=False), ""
-        arm = self.load() if saved is None or self.robot != RobotCommand.robot else saved.robot
-        if saved is None:
-            return arm, None
+        found, warning = read_saved(self.file), ""
+        if found is None:
+            return self.load(), None
+        saved, is_exact = found
+        arm = self.load() if self.robot != RobotCommand.robot else saved.robot
         robots = dict.fromkeys(getattr(saved.path, "robots", ()))
         if not _is_same(arm, saved.robot):
             robots, warning = (
@@ -133,7 +138,7 @@ class CertifyCommand(LimitsCommand, SceneCommand, TableCommand):
             )
         else:
             arm = self.limit_ranges(saved.robot)
-            if len(robots) > 1 and read_saved(self.file) is None:
+            if len(robots) > 1 and not is_exact:
                 robots, warning = (
                     {},
                     f"points at a rate do not say when the payload changes: judged with {arm.payload or 'none'}",
@@ -151,6 +156,7 @@ class CertifyCommand(LimitsCommand, SceneCommand, TableCommand):
         return planners.load_trajectory(
             self.file, arm, joint_names=self.read_joint_names(arm), start=start, unwrap=unwrap,
             interpolation=self.interpolation, columns=self.columns, ignore=self.ignore,
+            unit=self.unit,
         )  # fmt: skip
 
     def _read_path(self, arm: optik.Robot, trajectory: Trajectory) -> Reference | None:
@@ -209,8 +215,9 @@ class CertifyCommand(LimitsCommand, SceneCommand, TableCommand):
 
 
 def _is_same(one: optik.Robot, other: optik.Robot) -> bool:
-    """Return whether two arms have the same links and masses; tools, payloads and limits may differ."""
+    """Return whether two arms have the same links, motors and masses; tools, payloads and limits may differ."""
     same = one.joint_names == other.joint_names and np.array_equal(one.fixed, other.fixed)
+    same = same and have_same_matrix(one.motors, other.motors)
     masses = [None if arm.inertia is None else arm.inertia.content for arm in (one, other)]
     return same and masses[0] == masses[1]
 

@@ -45,7 +45,7 @@ NUMBERS, Q_DEG = "NUMBERS", "Q_DEG"
 
 LIMIT_EXAMPLES = {"velocity": 1, "acceleration": 10, "jerk": 50}
 """Limits that hold for every joint, with examples for messages."""
-TRANSLATED = "allow|branch|columns|gravity|ignore|rotation_speed|start|timing|tool_speed|unit|unwrap"
+TRANSLATED = "allow|branch|columns|gravity|ignore|joint_names|rotation_speed|start|timing|tool_speed|unit|unwrap"
 """Arguments of the library, in messages, that are options of the same name."""
 NUMBER = r"-?\d[\d.]*(?:e[-+]?\d+)?"
 """Regular expression of a number in a message."""

@@ -72,12 +72,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optik import se3
 from optik.arm.foreign import PREFIX, URDF, load_description, load_urdf, parse_urdf_options
 from optik.arm.inertia import STANDARD_GRAVITY, Inertia
 from optik.arm.limits import DYNAMIC_LIMITS, JointLimits, VelocityByPosition, warn_of_degrees
 from optik.arm.model import DHRow
-from optik.arm.plain import read_list, read_record, read_vector, read_word
+from optik.arm.plain import read_list, read_pose, read_record, read_vector, read_word
 from optik.arm.robot import Robot
 from optik.arm.shapes import Shapes
 from optik.check import check_count, check_flag, check_number, check_words, format_value
@@ -266,8 +265,8 @@ def _robot(data: dict[str, Any], file: Path, name: str) -> Robot:
         [_row(joint, f"joints[{i}]") for i, joint in enumerate(joints)],
         limits,
         name=name,
-        base=_read_pose(data.get("base", {}), "base"),
-        tool=_read_pose(data.get("tool", {}), "tool"),
+        base=read_pose(data.get("base", {}), "base"),
+        tool=read_pose(data.get("tool", {}), "tool"),
         joint_names=names,
         gravity=read_vector(data.get("gravity", [0.0, 0.0, -1.0]), "gravity", 3),
         gravity_magnitude=data.get("gravity_magnitude", STANDARD_GRAVITY),
@@ -374,13 +373,6 @@ def _find_key(joint: Mapping[str, Any], where: str, keys: Mapping[str, float]) -
         kind = "prismatic" if slides else "revolute"
         raise InvalidInput(where, " and ".join(found) or "none", f"{' or '.join(fitting)} of a {kind} joint")
     return found[0]
-
-
-def _read_pose(pose: Any, where: str) -> Array:
-    """Read the pose (4, 4) of a table with xyz_mm and rpy_deg."""
-    read_record(pose, (), where, optional=("xyz_mm", "rpy_deg"))
-    xyz, rpy = (read_vector(pose.get(key, [0.0, 0.0, 0.0]), f"{where}.{key}") for key in ("xyz_mm", "rpy_deg"))
-    return se3.from_xyz_rpy(xyz / 1000.0, rpy)
 
 
 def _shapes(table: Any, source: str, joint_names: Sequence[str]) -> Shapes:

@@ -341,6 +341,10 @@ class JointLimits:
         return replace_fields(self, "limits", limits)
 
 
+FAR_OUTSIDE = np.pi
+"""Excess over a range [rad] from which degrees are suspected: no encoder is half a turn off."""
+
+
 def warn_of_degrees(
     robot: str, names: Sequence[str], ranges: tuple[Array, Array], turns: Sequence[bool], *, stacklevel: int
 ) -> None:
@@ -350,6 +354,13 @@ def warn_of_degrees(
         found = ", ".join(f"{names[i]!r} ({size[i]:.6g})" for i in far.tolist())
         problem = f"position limits of ten turns and more are read as radians, at joint {found}; were degrees meant?"
         warnings.warn(DegreesWarning(robot, problem), stacklevel=stacklevel)
+
+
+def ask_for_degrees(limits: JointLimits, turns: Flags, q: Array) -> str:
+    """Return a question about angles (..., n) [rad] far outside their ranges that would be inside in degrees, or nothing."""
+    far = turns & (np.maximum(limits.lower - q, q - limits.upper) > FAR_OUTSIDE)
+    inside = far.any() and limits.contains(np.where(turns, np.deg2rad(q), q)).all()
+    return "are these degrees?" if inside else ""
 
 
 def check_positive(value: ArrayLike, n: int, argument: str) -> Array:

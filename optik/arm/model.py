@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
@@ -14,10 +15,10 @@ from numpy.typing import ArrayLike
 from optik import dynamics, se3
 from optik.arm.inertia import STANDARD_GRAVITY, Inertia, Load, Payload, arm_loads, payload_masses
 from optik.arm.limits import JointLimits, freeze
-from optik.arm.motors import Motors, couple, find_outside, with_motors
+from optik.arm.motors import Motors, couple, find_outside, maker_joints, with_motors
 from optik.arm.shapes.model import PAYLOAD, Shapes
 from optik.check import check_flag, check_number, check_words, format_value, real_array
-from optik.errors import InvalidInput, RobotModelError
+from optik.errors import AssumptionWarning, InvalidInput, RobotModelError
 from optik.kinematics import Chain
 from optik.types import Array, Flags
 
@@ -430,10 +431,14 @@ def unit_names(arm: ArmModel) -> list[str]:
 
 
 def check_range(arm: ArmModel, q: Array, name: str) -> Array:
-    """Return joints that are inside their ranges; the error for others is in degrees, prismatic joints in millimetres."""
+    """Return joints, typed in degrees and millimetres, that are inside their ranges; warn of angles that may be radians."""
     if not arm.limits.contains(q):
         which, value, lower, upper, i = find_outside(arm, q)
         scale, unit = unit_factors(arm)[i], unit_names(arm)[i]
         room = f"within [{lower * scale:g}, {upper * scale:g}]{unit}, its range"
         raise InvalidInput(name, f"{which} = {value * scale:g}{unit}", f"{which} {room}")
+    typed = np.rad2deg(maker_joints(arm, q))[..., ~arm.prismatic]
+    if (np.abs(typed) <= 2.0 * np.pi).all() and (np.abs(typed - np.round(typed)) > 1e-6).any():
+        words = f"{name}: angles of at most {np.abs(typed).max():.3g}° are read as degrees; are these radians?"
+        warnings.warn(words, AssumptionWarning, stacklevel=3)
     return q

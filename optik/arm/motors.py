@@ -233,6 +233,12 @@ def refuse_motors(arm: Any, format: str) -> None:
         )
 
 
+def have_same_matrix(one: Motors | None, other: Motors | None) -> bool:
+    """Return whether two arms have motors with the same names, matrix and offsets, or none."""
+    first, second = (m and (m.names, m.matrix.tolist(), m.offset.tolist()) for m in (one, other))
+    return first == second
+
+
 def maker_names(robot: Any) -> tuple[str, ...]:
     """Return the names of the maker's joints: the motors', or the robot's."""
     return tuple(robot.joint_names if robot.motors is None else robot.motors.names)

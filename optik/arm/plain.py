@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from optik import se3
 from optik.arm.inertia import STANDARD_GRAVITY, Inertia, Payload
 from optik.arm.limits import JointLimits, VelocityByPosition
 from optik.arm.model import ArmModel
@@ -32,6 +33,10 @@ MOTOR_KEYS = ("matrix", "offset", "inertia", "viscous", "coulomb")
 """Keys of motors that are arrays: fields of `Motors`."""
 PAYLOAD_KEYS = ("mass", "com", "inertia")
 """Keys of a payload: the fields of `Payload`."""
+ORIENTATIONS = {"rpy_deg": 3, "quaternion_wxyz": 4, "quaternion_xyzw": 4, "rotation_vector_rad": 3, "abc_deg": 3}
+"""Keys of an orientation, and their counts of numbers: abc_deg are KUKA's A, B, C, about z, y and x."""
+LONGEST_ROTATION = 2.0 * np.pi + 1e-3
+"""Longest rotation vector [rad]: longer ones are probably in degrees."""
 SHAPES_KEYS = ("link", "a", "b", "radius", "excess", "names", "apart", "source")
 """Keys of an arm's shapes: the arrays of `Capsules` and the excess in columns, and the other fields of `Shapes`."""
 
@@ -88,10 +93,10 @@ def read_record(data: Any, keys: tuple[str, ...], argument: str, *, optional: tu
         wrong = [f"{', '.join(part)} {word}" for part, word in ((missing, "missing"), (unknown, "unknown")) if part]
         from difflib import get_close_matches
 
-        near = get_close_matches(unknown[0], (*keys, *optional), n=1) if unknown else []
-        raise InvalidInput(
-            argument, "; ".join(wrong)[:200], expected, advice=f"did you mean {near[0]}?" if near else ""
-        )
+        near = get_close_matches(unknown[0], (*keys, *optional)) if unknown else []
+        near = [key for key in near if key == near[0] or key.startswith(f"{unknown[0]}_")]
+        advice = f"did you mean {' or '.join(near)}?" if near else ""
+        raise InvalidInput(argument, "; ".join(wrong)[:200], expected, advice=advice)
     return data
 
 
@@ -118,6 +123,30 @@ def read_vector(value: Any, argument: str, count: int = 3) -> Array:
     """Read a list of finite numbers."""
     expected = f"{count} finite numbers"
     return np.array([check_number(x, argument, expected) for x in read_list(value, argument, expected, count)])
+
+
+def read_pose(data: Any, argument: str, *, optional: tuple[str, ...] = ()) -> Array:
+    """Read a pose (4, 4) from a mapping with ``xyz_mm`` and one orientation, by default that of the frame."""
+    read_record(data, (), argument, optional=(*optional, "xyz_mm", *ORIENTATIONS))
+    xyz = read_vector(data.get("xyz_mm", [0.0] * 3), f"{argument}.xyz_mm") / 1000.0
+    kinds = [kind for kind in ORIENTATIONS if kind in data]
+    if len(kinds) > 1:
+        raise InvalidInput(argument, " and ".join(kinds), "one orientation")
+    turns = [make_rotation(k, read_vector(data[k], at := f"{argument}.{k}", ORIENTATIONS[k]), at) for k in kinds]
+    return se3.pose(turns[0] if turns else None, xyz)
+
+
+def make_rotation(kind: str, values: Array, argument: str) -> Array:
+    """Return the rotation (3, 3) of an orientation."""
+    if kind.startswith("quaternion"):
+        return se3.from_quaternion(values if kind.endswith("wxyz") else np.roll(values, 1), argument)
+    if kind == "rotation_vector_rad":
+        if not (length := float(np.linalg.norm(values))) <= LONGEST_ROTATION:
+            raise InvalidInput(
+                argument, f"a vector of length {length:.6g}", "a rotation vector [rad] of at most a turn"
+            )
+        return se3.exp_so3(values)
+    return np.asarray(se3.from_xyz_rpy(np.zeros(3), values if kind == "rpy_deg" else values[::-1])[:3, :3])
 
 
 def arm_to_dict(arm: ArmModel) -> dict[str, Any]:

@@ -220,10 +220,7 @@ def _limits(robot: str, joint: Joint) -> tuple[float, float, float]:
         upper = np.inf if upper > LARGEST_LIMIT else upper
         if lower > upper:
             raise RobotModelError(robot, f"{where}: lower limit {lower:.6g} above upper {upper:.6g}")
-    velocity = 0.0 if element is None else read_number(robot, where, element.get("velocity", "0"), "velocity limit")
-    if velocity < 0.0:
-        raise RobotModelError(robot, f"{where}: velocity limit {velocity:.6g}, expected one above 0")
-    return lower, upper, velocity or np.inf
+    return lower, upper, _positive(robot, joint, "limit", "velocity") or np.inf
 
 
 def _read_dynamic_limits(robot: str, joints: list[Joint]) -> dict[str, Any]:
@@ -250,6 +247,16 @@ def _check_ranges(robot: str, joints: list[Joint], lower: Array, upper: Array) -
                   if lower[i] == upper[i]]:  # fmt: skip
         advice = "give its range, or the type fixed"
         raise RobotModelError(robot, f"joint {join_names(locked)} cannot move: {advice}")
+    narrower = []
+    for joint, low, high in zip(joints, lower, upper, strict=True):
+        soft = [
+            joint.element.get("safety_controller", {}).get(f"soft_{side}_limit", "0") for side in ("lower", "upper")
+        ]
+        a, b = (read_number(robot, f"joint {joint.name!r}", text, "soft limit") for text in soft)
+        narrower += [f"{joint.name!r} [{a:g}, {b:g}]"] if a < b and (a > low or b < high) else []
+    if narrower:
+        problem = f"the soft limits of <safety_controller> are not the ranges: {join_names(narrower)}; with_limits sets others"
+        warnings.warn(RobotModelWarning(robot, problem), stacklevel=5)
     turns = [joint.kind != "prismatic" for joint in joints]
     warn_of_degrees(robot, [joint.name for joint in joints], (lower, upper), turns, stacklevel=6)
 
@@ -288,22 +295,15 @@ def _read_masses(tree: Tree, placed: list[tuple[Joint, Array]]) -> Inertia | Non
 
 def _read_torques(robot: str, joints: list[Joint]) -> Array | None:
     """Read the torque limits of joints; None if all are unknown."""
-    efforts = np.array([_effort(robot, joint) for joint in joints])
+    efforts = np.array([_positive(robot, joint, "limit", "effort") or np.inf for joint in joints])
     return efforts if np.isfinite(efforts).any() else None
 
 
-def _effort(robot: str, joint: Joint) -> float:
-    """Return the torque limit of a joint; infinite without an effort, or with an effort of 0 or inf."""
-    element = joint.element.get("limit")
-    if element is not None and element.get("effort", "").strip().lower() in INFINITE_TEXTS:
-        return np.inf
-    return _positive(robot, joint, "limit", "effort") or np.inf
-
-
 def _positive(robot: str, joint: Joint, tag: str, name: str) -> float:
-    """Read a number ≥ 0 from an attribute of a joint's element; a missing one is 0."""
-    element, where = joint.element.get(tag), f"joint {joint.name!r}"
-    value = 0.0 if element is None else read_number(robot, where, element.get(name, "0"), name)
+    """Read a number ≥ 0 from an attribute of a joint's element; a missing one is 0, and a limit may be infinite."""
+    text, where = joint.element.get(tag, {}).get(name, "0"), f"joint {joint.name!r}"
+    infinite = tag == "limit" and text.strip().lower() in INFINITE_TEXTS
+    value = np.inf if infinite else read_number(robot, where, text, name)
     if value < 0.0:
         raise RobotModelError(robot, f"{where}: {name} {value:.6g}, expected a number ≥ 0")
     return value

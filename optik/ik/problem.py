@@ -11,7 +11,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from optik.arm.limits import LIMIT_TOLERANCE
+from optik.arm.limits import LIMIT_TOLERANCE, ask_for_degrees
 from optik.arm.motors import find_outside
 from optik.arm.robot import Robot
 from optik.card import Card
@@ -300,7 +300,8 @@ def check_start(robot: Robot, q0: ArrayLike, argument: str = "q0") -> Array:
         name, value, lower, upper, i = find_outside(robot, q)
         unit = "m" if robot.prismatic[i] else "rad"
         expected = f"every joint inside its limits, here [{lower:.6g}, {upper:.6g}] {unit}"
-        raise InvalidInput(argument, f"{name} = {value:.6g} {unit}", expected)
+        asked = ask_for_degrees(robot.limits, ~robot.prismatic, q)
+        raise InvalidInput(argument, f"{name} = {value:.6g} {unit}", expected, advice=asked)
     return q
 
 

@@ -8,7 +8,7 @@ A TOML file contains optional tables of objects, in the frame of the arm's base:
     [[boxes]]
     name = "table"                            # optional: by default box1, box2, …
     xyz_mm = [400.0, 0.0, -25.0]              # of the centre
-    rpy_deg = [0.0, 0.0, 30.0]                # optional: roll, pitch and yaw
+    rpy_deg = [0.0, 0.0, 30.0]                # optional: roll, pitch and yaw; or quaternion_wxyz, quaternion_xyzw, …
     edges_mm = [800.0, 1200.0, 50.0]          # full lengths along the box's axes
 
     [[spheres]]
@@ -47,8 +47,7 @@ from typing import Any
 
 import numpy as np
 
-from optik import se3
-from optik.arm.plain import read_list, read_record, read_vector, read_word
+from optik.arm.plain import ORIENTATIONS, read_list, read_pose, read_record, read_vector, read_word
 from optik.arm.shapes.meshes import find_mesh_folders
 from optik.arm.shapes.urdf import find_geometry, read_geometry, read_length, read_triangles
 from optik.arm.urdf_tree import joint_origin, name_file, origin_pose, read_tree, read_triple
@@ -64,7 +63,7 @@ OBJECT_KINDS = ("boxes", "spheres", "capsules", "planes", "cylinders", "meshes",
 MOST_SCENE_BYTES = 64 * 2**20
 """Largest file that is read [bytes]: 600 bytes for each object of the largest scene."""
 ROW_KEYS = {
-    "boxes": (("xyz_mm", "edges_mm"), ("rpy_deg", "name")),
+    "boxes": (("xyz_mm", "edges_mm"), (*ORIENTATIONS, "name")),
     "spheres": (("centre_mm", "radius_mm"), ("name",)),
     "capsules": (("a_mm", "b_mm", "radius_mm"), ("name",)),
     "planes": (("point_mm", "normal"), ("name",)),
@@ -129,8 +128,7 @@ def _object(kind: str, row: Mapping[str, Any], where: str) -> tuple[Any, ...] | 
         return read_vector(row[key], f"{where}.{key}") / 1000.0
 
     if kind == "boxes":
-        turn = read_vector(row.get("rpy_deg", [0.0] * 3), f"{where}.rpy_deg")
-        return se3.from_xyz_rpy(lengths("xyz_mm"), turn), lengths("edges_mm")
+        return read_pose(row, where, optional=("edges_mm", "name")), lengths("edges_mm")
     if kind == "planes":
         return lengths("point_mm"), read_vector(row["normal"], f"{where}.normal")
     if kind in ("meshes", "clouds"):

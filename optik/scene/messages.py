@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,17 @@ TIME_FORMS = (("sec", "nanosec"), ("secs", "nsecs"))
 """Fields of a time in ROS 2 and in ROS 1."""
 POINT_DEFAULTS, ROTATION_DEFAULTS = {"x": 0.0, "y": 0.0, "z": 0.0}, {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}
 """Fields of a point or vector, and of a quaternion, with their defaults."""
+
+
+def find_mappings(data: Any) -> Iterator[dict[str, Any]]:
+    """Yield the mappings of plain data at any depth, the outermost first."""
+    todo, seen = [data], set[int]()
+    for value in todo:  # grows while it is read
+        if isinstance(value, dict | list) and id(value) not in seen:  # YAML's aliases repeat parts
+            seen.add(id(value))
+            todo += value.values() if isinstance(value, dict) else value
+            if isinstance(value, dict):
+                yield value
 
 
 def read_fields(value: Any, where: str, known: Iterable[str] | None = None) -> dict[str, Any]:

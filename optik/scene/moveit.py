@@ -19,7 +19,7 @@ from optik.arm.plain import read_list, read_record, read_word
 from optik.check import check_count, check_number, format_value
 from optik.errors import InvalidInput
 from optik.file_io import parse_yaml
-from optik.scene.messages import POINT_DEFAULTS, read_fields, read_floats, read_pose, read_rows
+from optik.scene.messages import POINT_DEFAULTS, find_mappings, read_fields, read_floats, read_pose, read_rows
 from optik.scene.moveit_text import OBJECT_PARTS, message_from_text
 from optik.types import Array
 
@@ -27,8 +27,8 @@ PRIMITIVES = {1: "box", 2: "sphere", 3: "cylinder"}
 """Types of `shape_msgs/SolidPrimitive` that are read, by number."""
 DIMENSIONS = {"box": 3, "sphere": 1, "cylinder": 2}
 """Number of dimensions of each type: edges; radius; height and radius."""
-OPERATIONS = (None, 0, "add")
-"""Operations of an object that add it to the scene, words in small letters."""
+ADD, REMOVE = (None, 0, "add", "\0", b"\0"), (1, "remove", "\1", b"\1")
+"""Operations of an object: numbers, words in small letters, and bytes as ROS 2 prints them."""
 PLANNING_SCENE_KEYS = (
     "name", "robot_state", "robot_model_name", "fixed_frame_transforms", "allowed_collision_matrix", "link_padding",
     "link_scale", "object_colors", "is_diff",
@@ -50,7 +50,7 @@ Part = tuple[str, str, Any]
 def scene_from_moveit(text: str, suffix: str = ".yaml") -> dict[str, Any]:
     """Read the arguments of a `Scene` from a MoveIt planning scene in YAML, or in its text format, ``.scene``."""
     data = message_from_text(text) if suffix == ".scene" else parse_yaml(text, "scene")
-    scene = read_record(read_fields(data, "scene"), ("world",), "scene", optional=PLANNING_SCENE_KEYS)
+    scene = read_record(_find_scene(data), ("world",), "scene", optional=PLANNING_SCENE_KEYS)
     world = read_record(scene["world"], (), "world", optional=("collision_objects", "octomap"))
     state = read_fields(scene.get("robot_state") or {}, "robot_state")
     if attached := state.get("attached_collision_objects"):
@@ -63,15 +63,21 @@ def scene_from_moveit(text: str, suffix: str = ".yaml") -> dict[str, Any]:
         )
     _check_links(scene)
     frames, known = _Frames(scene, state), dict[str, str]()
-    parts: list[Part] = []
+    parts, notes = list[Part](), ["is_diff: the objects of the file are the whole scene"] * bool(scene.get("is_diff"))
     for i, one in enumerate(read_rows(world, "collision_objects", "world")):
         where = f"collision_objects[{i}]"
         name = read_word(read_record(one, ("id",), where, optional=OBJECT_KEYS)["id"], f"{where}.id")
+        operation = one.get("operation")
+        operation = operation.lower() if isinstance(operation, str) else operation
+        if operation in REMOVE:  # an empty id is every object
+            parts = [part for part in parts if name and part[1] != name]
+            known = {other: place for other, place in known.items() if name and other != name}
+            notes.append(f"REMOVE: {name or 'every object'} before {where} is left out")
+            continue
         if known.setdefault(name, where) != where:
             raise InvalidInput(f"{where}.id", repr(name)[:60], f"an id that differs from that of {known[name]}")
-        operation = one.get("operation")
-        if (operation.lower() if isinstance(operation, str) else operation) not in OPERATIONS:
-            raise InvalidInput(f"{where}.operation", format_value(operation), "ADD (0): a file is the whole scene")
+        if operation not in ADD:
+            raise InvalidInput(f"{where}.operation", format_value(operation), "ADD (0) or REMOVE (1)")
         T = frames.find(one, where) @ (
             np.eye(4) if one.get("pose") is None else read_pose(one["pose"], f"{where}.pose")
         )
@@ -86,8 +92,17 @@ def scene_from_moveit(text: str, suffix: str = ".yaml") -> dict[str, Any]:
     names = make_unique(ids)
     allowed = _read_allowed(scene.get("allowed_collision_matrix") or {}, set(ids))
     allow = [(link, name) for link, one in allowed for name, of in zip(names, ids, strict=True) if of == one]
-    notes = ("is_diff: the objects of the file are the whole scene",) if scene.get("is_diff") else ()
-    return {**objects, "names": names, "allow": allow, "notes": notes}
+    return {**objects, "names": names, "allow": allow, "notes": tuple(notes)}
+
+
+def _find_scene(data: Any) -> Any:
+    """Return the first scene at any depth of a message, or one of its objects."""
+    for one in find_mappings(data):
+        if "world" in one:
+            return one
+        if "collision_objects" in one:
+            return {"world": one}
+    return {"world": {"collision_objects": [data]}} if "id" in read_fields(data, "scene") else data
 
 
 def _check_links(scene: dict[str, Any]) -> None:

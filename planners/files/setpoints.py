@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from decimal import Decimal
 from pathlib import Path as FilePath
 from typing import Any
 
@@ -12,15 +11,18 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from optik.arm.motors import maker_joints
+from optik.arm.limits import ask_for_degrees
+from optik.arm.motors import have_same_matrix, maker_joints, maker_limits, maker_names
 from optik.arm.robot import Robot
 from optik.check import locate_error
 from optik.errors import InvalidInput
 from optik.file_io import check_suffix, decode_text, parse_json, read_bytes
-from optik.tables import Names, TextTable, read_names, read_table, warn_of_assumptions
+from optik.scene.messages import find_mappings
+from optik.tables import UNIT_SIZES, Names, find_size, read_names, read_table, warn_of_assumptions
 from optik.types import Array
 from planners.files import load_motion
 from planners.files.base import CONTENT
+from planners.files.headers import list_units, read_log
 from planners.motion import Motion
 from planners.paths.goal import find_continuous
 from planners.ros.export import MESSAGE_SUFFIXES, JointNames, find_columns
@@ -30,13 +32,10 @@ from planners.trajectory.controller import INTERPOLATIONS, trajectory_through
 
 READ_SUFFIXES = (".csv", *MESSAGE_SUFFIXES)
 """Suffixes of the files that can be read."""
-WRAPPED = ("joint_trajectory", "trajectory")
-"""Keys under which messages hold a JointTrajectory: RobotTrajectory and DisplayTrajectory of moveit_msgs, and goals."""
-COLUMN_KINDS = (("", "q_", "position_", "positions_"), ("dq_", "velocity_", "v_"), ("ddq_", "acceleration_", "a_"))
-"""Prefixes of a joint's name in a column, by order of derivative."""
-SINCE_START = "time_from_start"
-CLOCKS = ("t", "time", "times", SINCE_START)
-"""Names of the column of times [s]: by any clock, or from the start of the motion, as in messages."""
+LATEST, LONGEST_STEP = 1e11, 1e5
+"""Latest time by any clock, and longest time between two setpoints [s]: larger ones are in another unit."""
+ROS_TIME = 4.2e15
+"""Least whole number without a unit that is a time in nanoseconds [ns]: microseconds since 1970 are smaller until 2103."""
 TURN = 2.0 * np.pi * (1.0 + 1e-6)
 """Largest range of wrapped positions [rad]."""
 SPLINE = "spline"
@@ -46,18 +45,19 @@ SPLINE = "spline"
 def load_trajectory(
     file: str | os.PathLike[str], robot: Robot, *,
     joint_names: JointNames = None, interpolation: str | None = None, start: ArrayLike | None = None,
-    ignore: Names = None, unwrap: Names = None, columns: Names = None,
+    ignore: Names = None, unwrap: Names = None, columns: Names = None, unit: Names = None,
 ) -> Trajectory:  # fmt: skip
     """Read setpoints that another program wrote, without path and limits; `planners.certify` takes them with ``path=None``.
 
     Parameters
     ----------
     file : str or path
-        ``.csv``: a table, with separators and units as in `Polyline.from_csv`: a column ``t`` or ``time`` [s], one for each
-        joint by its name [rad, m], optionally ``dq_NAME`` and ``ddq_NAME`` (or ``velocity_``, ``acceleration_``). ``.json``:
-        ``joint_names``, ``times`` (k,) [s], ``positions`` (k, n), optionally ``velocities``, ``accelerations``. The first time
-        need not be 0. ``.json``, ``.yaml``, ``.yml``: a ``JointTrajectory`` of ROS 1 or 2, or a message that contains one.
-        Of a file that `save` wrote, the exact polynomials are read, unless one of the five last options is given.
+        ``.csv``: a table, with separators and units as in `Polyline.from_csv`: a column of times such as ``t``, ``%time`` or
+        ``timestamp_ms``, one for each joint by name or number, such as ``NAME_deg``, ``/joints/NAME/position`` or ``q1``, and
+        perhaps of velocities (``dq_``, ``vel_``) and accelerations (``ddq_``, ``acc_``). ``.json``: ``joint_names``, ``times``
+        (k,) [s], ``positions`` (k, n), optionally ``velocities``, ``accelerations``. The first time need not be 0. ``.json``,
+        ``.yaml``, ``.yml``: a ``JointTrajectory`` of ROS 1 or 2, or a message that contains one. Of a file that `save` wrote,
+        the exact polynomials are read, unless an option after ``joint_names`` is given.
     robot : Robot
         The arm; its joint names, or those of ``joint_names``, must be the file's, in any order.
     joint_names : mapping, optional
@@ -74,6 +74,8 @@ def load_trajectory(
         limits is refused; ``()`` accepts it.
     columns : str or sequence of str, optional
         Names of the columns of a table without a header, or new names of all columns.
+    unit : str or sequence of str, optional
+        Units that the file does not state, such as ``"ms,deg"``; by default s, rad and m, which ``()`` states, too.
 
     Returns
     -------
@@ -83,46 +85,57 @@ def load_trajectory(
     Raises
     ------
     InvalidInput
-        No such file, other joints, times that do not increase, NaN, an interpolation that the points have no data for.
+        No such file, other joints, times that do not increase, NaN, an interpolation that the points have no data for, or
+        degrees without ``unit=``.
     MissingDependency
         YAML without PyYAML.
     """
     suffix = check_suffix(file, READ_SUFFIXES)
     if not isinstance(robot, Robot):
         raise InvalidInput("robot", repr(robot)[:60], "a Robot")
-    if all(x is None for x in (interpolation, start, ignore, unwrap, columns)) and (saved := read_saved(file)):
-        return _check_names(saved, robot, file)
+    if saved := read_saved(file):
+        _check_arm(saved[0], robot, file, unit)
+        if saved[1] and all(x is None for x in (interpolation, start, ignore, unwrap, columns)):
+            return saved[0].trajectory
     names = Form("", find_columns(robot, joint_names)).names
+    return _load(file, suffix, robot, names, (columns, ignore, () if saved else unit), (interpolation, start, unwrap))
+
+
+def _load(
+    file: str | os.PathLike[str], suffix: str, robot: Robot, names: list[str],
+    reading: tuple[Names, Names, Names], following: tuple[str | None, ArrayLike | None, Names],
+) -> Trajectory:  # fmt: skip
+    """Return the trajectory through the setpoints of a table or a message, with its notes."""
+    columns, ignore, unit = reading
     try:
-        found = _read_found(FilePath(file), suffix, robot, names, columns, ignore)
-        trajectory = _build(found, robot, interpolation, start, unwrap)
+        if suffix == ".csv":
+            found = _convert(read_log(read_table(file, columns, ignore), robot, names), robot, unit)
+            if found.assumed and unit != ():
+                assumed = ", ".join(found.assumed)
+                found.notes.append(f"no units in the header, read in {assumed}: unit='ms,deg' gives others")
+        else:
+            message = _find_message(from_text(decode_text(read_bytes(FilePath(file))), suffix))
+            found = _convert(read_points(message, names, read_names(ignore, "ignore")), robot, unit)
+        trajectory = _build(found, robot, *following)
         if robot.motors is not None:
             trajectory = map_joints(trajectory, robot.motors.matrix, robot.motors.offset)
+            words = f"the positions are those of the motors {', '.join(names)}, with the matrix of {robot.name}"
+            found.notes.extend([words] * (unit != ()))
     except InvalidInput as error:
-        own = error.argument in ("interpolation", "start", "ignore", "unwrap") or str(file) in error.argument
+        own = error.argument in ("interpolation", "start", "ignore", "unwrap", "unit") or str(file) in error.argument
         raise (error if own else locate_error(file, error)) from None
-    trajectory.notes = warn_of_assumptions(file, found.notes)
+    trajectory.notes = warn_of_assumptions(file, found.notes, stacklevel=4)
     return trajectory
 
 
-def _read_found(
-    file: FilePath, suffix: str, robot: Robot, names: list[str], columns: Names, ignore: Names
-) -> MessagePoints:
-    """Return the setpoints of a table or a message."""
-    if suffix == ".csv":
-        return _read_columns(read_table(file, columns, ignore), robot, names)
-    return read_points(_unwrap(from_text(decode_text(read_bytes(file)), suffix)), names, read_names(ignore, "ignore"))
-
-
-def read_saved(file: str | os.PathLike[str], *, exact: bool = True) -> Motion | None:
-    """Return the motion of a file that `save` wrote; None for other files, and if `exact`, for points at a rate.
+def read_saved(file: str | os.PathLike[str]) -> tuple[Motion, bool] | None:
+    """Return the motion of a file that `save` wrote, and whether it has no rate; None for other files.
 
     Joints rounded to 16 digits give a piece of 1 ms a jerk that is off by 1e-5 rad/s³: the polynomials of the file are exact.
     """
     content, suffix = read_bytes(FilePath(file)), FilePath(file).suffix.lower()
     if suffix == ".csv":
-        saved = content.startswith(b"# format") and not (exact and b"\n# rate: " in content)
-        return load_motion(file) if saved else None
+        return (load_motion(file), b"\n# rate: " not in content) if content.startswith(b"# format") else None
     data = parse_json(decode_text(content, str(file)), str(file)) if suffix == ".json" else None
     found = data.get("format") if isinstance(data, dict) else None
     if isinstance(found, str) and found.startswith("optik-") and found != CONTENT:
@@ -130,31 +143,61 @@ def read_saved(file: str | os.PathLike[str], *, exact: bool = True) -> Motion | 
         raise InvalidInput(
             f"{file}: format", repr(found)[:60], "setpoints, a message, or a saved motion", advice=advice
         )
-    return load_motion(file) if found == CONTENT else None
+    return (load_motion(file), True) if found == CONTENT else None
 
 
-def _check_names(saved: Motion, robot: Robot, file: str | os.PathLike[str]) -> Trajectory:
-    """Return the trajectory of a saved motion whose joints are those of an arm."""
+def _check_arm(saved: Motion, robot: Robot, file: str | os.PathLike[str], unit: Names) -> None:
+    """Raise InvalidInput unless a saved motion has the joints of an arm and the same matrix of motors, and no unit is given."""
+    if unit is not None:
+        raise InvalidInput("unit", repr(unit)[:60], f"none, because {file} states its units")
     if saved.robot.joint_names != robot.joint_names:
         raise InvalidInput(f"{file}: joint_names", ", ".join(saved.robot.joint_names), f"those of {robot.name}")
-    return saved.trajectory
+    if not have_same_matrix(saved.robot.motors, robot.motors):
+        raise InvalidInput(f"{file}: motors", "other motors, or another matrix", f"those of {robot.name}")
 
 
-def _unwrap(data: Any) -> Any:
-    """Return the JointTrajectory inside a message, or the data themselves."""
-    while isinstance(data, dict) and "points" not in data and "times" not in data:
-        other = data.get("multi_dof_joint_trajectory")
-        if isinstance(other, dict) and other.get("points"):
-            raise InvalidInput("multi_dof_joint_trajectory", f"{len(other['points'])} points", "none")
-        inner = [data[key] for key in WRAPPED if isinstance(data.get(key), dict | list)]
-        if not inner:
-            return data
-        data = inner[0]
-        if isinstance(data, list):  # of a DisplayTrajectory
-            if len(data) != 1:
-                raise InvalidInput("trajectory", f"{len(data)} trajectories", "one")
-            data = data[0]
-    return data
+def _find_message(data: Any) -> Any:
+    """Return the only JointTrajectory at any depth of a message: the mapping that has points, or columns of positions."""
+    found = [one for one in find_mappings(data) if one.get("points") or ("joint_names" in one and one.get("positions"))]
+    if len(found) > 1:
+        raise InvalidInput("trajectory", f"{len(found)} trajectories", "one mapping with joint_names and points")
+    return found[0] if found else data
+
+
+def _convert(found: MessagePoints, robot: Robot, unit: Names) -> MessagePoints:
+    """Return setpoints in SI units, with the units of ``unit=`` where the file states none."""
+    bases, given = {one: next(iter(sizes)) for sizes in UNIT_SIZES for one in sizes}, read_names(unit, "unit")
+    units, left = {bases.get(one, ""): one for one in given}, list(found.assumed)
+    if len(units) < len(given) or not {*units} <= {one.partition("/")[0] for one in left}:
+        expected = f"units instead of {', '.join(left) or 'none'}, which the file does not state, such as 'ms,deg'"
+        raise InvalidInput("unit", ",".join(given)[:60], expected)
+    if "s" in left and "s" not in units and found.begin >= ROS_TIME and not (found.t % 1.0).any():
+        units["s"] = "ns"
+        found.notes.append("the times are in nanoseconds, because they are large whole numbers")
+    parts = [(one, *one.partition("/")) for one in left]
+    sizes = {one: find_size("", units.get(base, base) + slash + per) or 1.0 for one, base, slash, per in parts}
+    values = [rows * [sizes.get(one, 1.0) for one in list_units(robot, k)] for k, rows in enumerate(found.values)]
+    size, left = sizes.get("s", 1.0), [one for one, base, *_ in parts if base not in units]
+    found = found._replace(t=found.t * size, begin=found.begin * size, values=values, assumed=left)
+    if unit != ():
+        _check_meant(found, robot)
+    return found
+
+
+def _check_meant(found: MessagePoints, robot: Robot) -> None:
+    """Raise InvalidInput for times and positions without units that cannot be meant in seconds and radians."""
+    far = (np.abs(found.t + found.begin) > LATEST) | (np.diff(found.t, prepend=0.0) > LONGEST_STEP)
+    for i in np.flatnonzero(far & ("s" in found.assumed)).tolist()[:1]:
+        expected = f"times within {LATEST:g} s, and steps of at most {LONGEST_STEP:g} s"
+        advice = "unit='ms', 'us' or 'ns' gives another unit"
+        raise InvalidInput(found.locate(i), f"{found.t[i] + found.begin:.6g} s", expected, advice=advice)
+    q, turns, limits = found.values[0], ~robot.prismatic, maker_limits(robot)
+    if "rad" in found.assumed and (asked := ask_for_degrees(limits, turns, q)):
+        low, high = limits.lower, limits.upper
+        row, j = np.unravel_index(np.argmax(np.where(turns, np.maximum(low - q, q - high), 0.0)), q.shape)
+        got, expected = f"{maker_names(robot)[j]} = {q[row, j]:.6g}", f"its range [{low[j]:.6g}, {high[j]:.6g}] [rad]"
+        advice = f"{asked} unit='deg' reads degrees, unit='rad' radians"
+        raise InvalidInput(found.locate(int(row)), got, expected, advice=advice)
 
 
 def _build(
@@ -178,6 +221,9 @@ def _build(
         raise InvalidInput(found.locate(0), f"{found.begin:.9g} s", "a first point at 0 s", advice=advice)
     elif found.begin:
         found.notes.append(f"the motion starts at the first time, {found.begin:.15g} s")
+    if t.size < 2:
+        expected = "at least two, or a later one and start=Q, the configuration at 0 s"
+        raise InvalidInput(found.locate(0), "one point", expected)
     values[0] = _remove_turns(t, values[0], robot, unwrap, lambda i: found.locate(i - first))
     if interpolation == SPLINE:  # through the points; the controller reaches the first one from the start
         spline = scipy.interpolate.CubicSpline(t[first:], values[0][first:], bc_type="clamped")
@@ -204,27 +250,3 @@ def _remove_turns(t: Array, q: Array, robot: Robot, unwrap: Names, place: Callab
         advice = f"unwrap={name!r} removes whole turns, unwrap=() accepts the jump"
         raise InvalidInput(place(i + 1), got, "continuous positions of a joint without limits", advice=advice)
     return wrapped
-
-
-def _read_columns(table: TextTable, robot: Robot, names: list[str]) -> MessagePoints:
-    """Return the setpoints of a table."""
-    wanted = dict.fromkeys(CLOCKS, "s")
-    for prefixes, per in zip(COLUMN_KINDS, ("", "/s", "/s2"), strict=True):
-        for name, slides in zip(names, robot.prismatic, strict=True):
-            wanted |= {prefix + name: f"{'m' if slides else 'rad'}{per}" for prefix in prefixes}
-    table = table.resolve(wanted)
-    clock, chosen = [name for name in table.columns if name in CLOCKS], []
-    for prefixes in COLUMN_KINDS:
-        sets = ([prefix + name for name in names] for prefix in prefixes)
-        chosen.append(next((columns for columns in sets if set(columns) <= set(table.columns)), []))
-    expected = f"only times ({', '.join(CLOCKS)}) and a column for each of {', '.join(names)}; see load_trajectory"
-    if len(clock) != 1 or not chosen[0] or (chosen[2] and not chosen[1]):
-        raise table.make_header_error(expected)
-    table.refuse_others([*clock, *chosen[0], *chosen[1], *chosen[2]], expected)
-    if len(table.lines) < 2:
-        raise InvalidInput(table.file, f"{len(table.lines)} rows", "at least two")
-    begin, size = table.read_numbers(clock)[0, 0], table.columns[clock[0]].size
-    times = [Decimal(table.read_cells(row, clock)[0].replace(",", ".")) for row in range(len(table.lines))]
-    t = np.array([float(time - times[0]) * size for time in times])  # exact for times since 1970, too
-    values = [table.read_numbers(columns) for columns in chosen if columns]
-    return MessagePoints(t, begin, values, clock[0] == SINCE_START, lambda i: table.locate(i, *clock), table.notes)

@@ -91,15 +91,16 @@ def read_limits(
             "joint_names", repr(joint_names)[:60], "a mapping from the robot's joint names to the file's"
         )
     data = parse_yaml(decode_text(read_bytes(Path(file))), str(file))
-    joints = _find_joints(data, str(file))
+    joints, beside = _find_joints(data, str(file))
     names = [(joint_names or {}).get(name, name) for name in robot.joint_names]
     if not set(names) & set(joints):
         expected = f"limits of some of {', '.join(names)}"
-        raise InvalidInput(str(file), f"limits of {', '.join(map(str, joints))}"[:160], expected)
+        advice = "joint_names= gives the names in the file"
+        raise InvalidInput(str(file), f"limits of {', '.join(map(str, joints))}"[:160], expected, advice=advice)
     own = MotionLimits.of(robot).bounds(robot.n)
     values, ranges = {kind: own[kind].copy() for kind in KINDS}, np.stack([robot.limits.lower, robot.limits.upper])
     braking = np.full(robot.n, np.inf) if robot.limits.deceleration is None else robot.limits.deceleration.copy()
-    unread: set[str] = set()
+    unread = set(beside)
     for i, name in enumerate(names):
         entry, where = joints.get(name, {}), f"{file}, {name}"
         if not isinstance(entry, dict):
@@ -118,14 +119,14 @@ def read_limits(
     return FoundLimits(ranges, braking if np.isfinite(braking).any() else None, given, notes)
 
 
-def _find_joints(data: Any, file: str) -> dict[Any, Any]:
-    """Return the mapping under the key ``joint_limits``."""
+def _find_joints(data: Any, file: str) -> tuple[dict[Any, Any], list[str]]:
+    """Return the mapping under the key ``joint_limits``, and the keys beside it, such as ``cartesian_limits``."""
     while isinstance(data, dict) and "joint_limits" not in data and (inner := [key for key in NESTED if key in data]):
         data = data[inner[0]]
     joints = data.get("joint_limits") if isinstance(data, dict) else None
     if not isinstance(joints, dict) or not joints:
         raise InvalidInput(file, "no joint_limits", "joint_limits with a mapping for each joint, as MoveIt writes them")
-    return joints
+    return joints, [str(key) for key in data if key != "joint_limits"]
 
 
 def _read_deceleration(entry: dict[str, Any], where: str, known: float) -> float:

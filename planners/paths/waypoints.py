@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from optik import se3
 from optik.arm.limits import LIMIT_TOLERANCE
+from optik.arm.plain import make_rotation
 from optik.arm.reach import FARTHEST_REACH, reach_bound
 from optik.arm.robot import Robot
 from optik.check import real_array
@@ -29,8 +30,11 @@ ORIENTATION_UNITS: dict[tuple[str, ...], str] = {ANGLE_COLUMNS: "rad", ROTATION_
 """Units of the columns of an orientation where the header has none."""
 ASSUMED = {ROTATION_COLUMNS: "rx,ry,rz are rotation vectors", KUKA_COLUMNS: "A,B,C are KUKA's angles about z, y and x"}
 """Assumptions about columns whose meaning differs between programs."""
-LONGEST_ROTATION, SHORTEST_AXIS = 2.0 * np.pi + 1e-3, 1e-9
-"""Longest rotation vector [rad], because longer ones are probably in degrees, and shortest axis [1]."""
+ROTATION_KINDS = {QUATERNION_COLUMNS: "quaternion_xyzw", ANGLE_COLUMNS: "rpy_deg", ROTATION_COLUMNS: "rotation_vector_rad",
+                  KUKA_COLUMNS: "abc_deg"}  # fmt: skip
+"""Keys of these orientations in files of poses."""
+SHORTEST_AXIS = 1e-9
+"""Shortest axis [1]."""
 FARTHEST_POINT = 100.0
 """Farthest point [m] for an unknown arm: larger coordinates are probably in millimetres."""
 LEAST_VIA_TOLERANCE = 1e-6
@@ -178,22 +182,15 @@ def _read_rotations(table: TextTable, turned: tuple[str, ...], values: Array, fi
     """Return the rotation of the tool (3, 3) for each row."""
     if not turned:
         return [first] * len(values)
-    if turned in (ANGLE_COLUMNS, KUKA_COLUMNS):
-        rpy = values if turned == ANGLE_COLUMNS else values[:, ::-1]
-        return [se3.from_xyz_rpy(np.zeros(3), np.rad2deg(angles))[:3, :3] for angles in rpy]
+    if turned in ROTATION_KINDS:
+        kind = ROTATION_KINDS[turned]
+        values = np.rad2deg(values) if kind.endswith("_deg") else values
+        return [make_rotation(kind, row, table.locate(i, *turned)) for i, row in enumerate(values)]
     length = np.linalg.norm(values, axis=1)
     unit = np.abs(length - 1.0) <= se3.QUATERNION_ERROR
-    good, expected = length > SHORTEST_AXIS, "an axis that is not 0"
-    if turned == ROTATION_COLUMNS:
-        good, expected = length <= LONGEST_ROTATION, "a rotation vector of at most a turn [rad]"
-    if turned == QUATERNION_COLUMNS:
-        good, expected = unit, "a vector of length 1"
-    for row in np.flatnonzero(~good)[:1]:
-        raise InvalidInput(table.locate(row, *turned), f"a vector of length {length[row]:.6g}", expected)
-    if turned == ROTATION_COLUMNS:
-        return list(se3.exp_so3(values))
-    if turned == QUATERNION_COLUMNS:
-        return [se3.from_quaternion(xyzw[[3, 0, 1, 2]]) for xyzw in values / length[:, None]]
+    for row in np.flatnonzero(~(length > SHORTEST_AXIS))[:1]:
+        got = f"a vector of length {length[row]:.6g}"
+        raise InvalidInput(table.locate(row, *turned), got, "an axis that is not 0")
     if not unit.all():
         table.notes.append(f"axes of lengths {length.min():.4g} to {length.max():.4g} are scaled to 1")
     rotations = [first]

@@ -34,7 +34,7 @@ import numpy as np
 from optik import load, se3
 from optik.arm.inertia import Payload
 from optik.arm.model import check_range, unit_factors
-from optik.arm.plain import read_list, read_record, read_vector, read_word
+from optik.arm.plain import read_list, read_pose, read_record, read_vector, read_word
 from optik.arm.robot import Robot
 from optik.check import check_flag, check_number, locate_error
 from optik.errors import InvalidInput, OptikError
@@ -53,8 +53,6 @@ from planners.program.parts import KEEP, Dwell, Item, Move, Part, Program, ToolC
 
 FILE_KEYS = ("robot", "start", "configurations", "frames", "part", "event")
 """Keys of a file."""
-POSE_KEYS = ("frame", "xyz_mm", "rpy_deg")
-"""Keys of a pose."""
 GOALS = ("joints", "configuration", "pose", "start_of", "vector_mm", "polyline", "spline")
 """Keys of the goal of a part, of which it has one."""
 MOVE_KEYS = {
@@ -223,11 +221,9 @@ class _Reader:
             raise _unknown(key, name, known)
         return self._read_joints(arm, known[name], f"configurations.{name}")
 
-    def _read_pose(self, data: Any, key: str, seen: tuple[str, ...] = (), keys: tuple[str, ...] = POSE_KEYS) -> Array:
+    def _read_pose(self, data: Any, key: str, seen: tuple[str, ...] = ()) -> Array:
         """Return a pose in the base, from the frame that it names."""
-        read_record(data, (), key, optional=keys)
-        xyz = read_vector(data.get("xyz_mm", [0.0, 0.0, 0.0]), f"{key}.xyz_mm") * 1e-3
-        pose = se3.from_xyz_rpy(xyz, read_vector(data.get("rpy_deg", [0.0, 0.0, 0.0]), f"{key}.rpy_deg"))
+        pose = read_pose(data, key, optional=("frame",))
         return np.asarray(self._read_frame(data["frame"], f"{key}.frame", seen) @ pose if "frame" in data else pose)
 
     def _read_frame(self, name: Any, key: str, seen: tuple[str, ...] = ()) -> Array:
@@ -377,7 +373,7 @@ class _Reader:
                 raise InvalidInput("payload_kg", f"{mass:g} on {robot.name}", "an arm whose masses are known")
         elif "payload_com_mm" in row:
             raise InvalidInput("payload_com_mm", "a centre of mass without a mass", "payload_kg, too")
-        tool = self._read_pose(row["tool"], "tool", keys=POSE_KEYS[1:]) if "tool" in row else KEEP
+        tool = read_pose(row["tool"], "tool") if "tool" in row else KEEP
         return ToolChange(tool=tool, payload=payload)
 
     # ------------------------------------------------------------ events

@@ -57,10 +57,15 @@ def message_of(trajectory: Trajectory, times: Times, form: Form, stops: Array | 
     return {"header": header, "joint_names": list(form.columns), "points": points}
 
 
+RATES = ("rad", "rad/s", "rad/s2", "m", "m/s", "m/s2")
+"""Units of messages."""
+
+
 class MessagePoints(NamedTuple):
     """Setpoints: times (k,) [s] from the first one, which is at `begin` of a clock, and values (k, n) by order of derivative.
 
-    `from_start` is True if the clock starts with the motion; `locate` names a row for errors; `notes` lists assumptions.
+    `from_start` is True if the clock starts with the motion; `locate` names a row for errors; `notes` lists assumptions, and
+    `assumed` the units, such as s and rad, that the file does not state.
     """
 
     t: Array
@@ -69,6 +74,7 @@ class MessagePoints(NamedTuple):
     from_start: bool
     locate: Callable[[int], str]
     notes: list[str]
+    assumed: Collection[str] = RATES
 
 
 def reconstruct(message: Any, names: list[str]) -> Trajectory:
@@ -82,17 +88,17 @@ def reconstruct(message: Any, names: list[str]) -> Trajectory:
 
 
 def read_points(message: Any, names: list[str], ignore: Collection[str] = ()) -> MessagePoints:
-    """Return the setpoints of a message, or of columns in JSON: ``times``, ``positions`` and others."""
+    """Return the setpoints of a message, or of columns: ``times`` or ``time_from_start``, ``positions`` and others."""
     if not isinstance(message, dict):
         raise InvalidInput("content", repr(message)[:60], "a message with joint_names and points")
     order = order_joints(message.get("joint_names"), names, ignore)
-    points, times = message.get("points"), message.get("times")
-    if times is not None:
+    points, clock = message.get("points"), "times" if "times" in message else "time_from_start"
+    if (times := message.get(clock)) is not None:
         rows = {field: message[field] for field in POINT_FIELDS if message.get(field)}
         for field, row in rows.items():
-            read_list(row, field, f"{len(times)} rows, one for each time", len(read_list(times, "times")))
+            read_list(row, field, f"{len(times)} rows, one for each time", len(read_list(times, clock)))
         points = [dict(zip(rows, row, strict=True)) for row in zip(*rows.values(), strict=True)]
-    if not isinstance(points, list) or len(points) < 2 or not all(isinstance(p, dict) for p in points):
+    if not isinstance(points, list) or not points or not all(isinstance(p, dict) for p in points):
         raise InvalidInput("points", repr(points)[:60], "at least two points")
     fields = [f for f in POINT_FIELDS if f == "positions" or any(p.get(f) for p in points)]
     if fields == ["positions", "accelerations"]:
@@ -104,8 +110,10 @@ def read_points(message: Any, names: list[str], ignore: Collection[str] = ()) ->
         read = [read_floats(p.get(field), f"points[{i}].{field}", count) for i, p in enumerate(points)]
         values.append(np.array(read)[:, order])
     if times is not None:
-        t = read_floats(times, "times", len(points))
-        return MessagePoints(t - t[0], float(t[0]), values, False, "times[{}]".format, [])
+        seconds = [read_time(x, clock) / NANOSECONDS if isinstance(x, dict) else x for x in times]
+        t = read_floats(seconds, clock, len(points))
+        assumed = ("s", *RATES)[any(isinstance(x, dict) for x in times) :]
+        return MessagePoints(t - t[0], float(t[0]), values, clock != "times", f"{clock}[{{}}]".format, [], assumed)
     since = [p.get("time_from_start", {}) for p in points]
     ns = np.array([read_time(x, f"points[{i}].time_from_start") for i, x in enumerate(since)])
     t = (ns - ns[0]) / NANOSECONDS
@@ -119,6 +127,7 @@ def order_joints(found: Any, names: list[str], ignore: Collection[str]) -> list[
     if len(set(listed)) != len(listed) or not set(names) <= set(listed) or others:
         got = f"{', '.join(others)} in {', '.join(listed)}" if others else repr(found)
         advice = f"ignore={','.join(others)!r} leaves joints out" if others else ""
+        advice = advice if set(names) <= set(listed) else "joint_names= gives the names in the file"
         raise InvalidInput("joint_names", got[:120], f"{', '.join(names)} in any order", advice=advice)
     for name in (name for name in ignore if name not in listed or name in names):
         wanted = f"joints of the file that are not the arm's: {', '.join(listed)}"

@@ -15,6 +15,7 @@ import planners
 from optik.check import format_ratio
 from optik.types import Array
 
+pytestmark = pytest.mark.filterwarnings("ignore:.*no units in the header:optik.errors.AssumptionWarning")
 NAMES = tuple(f"joint{i + 1}" for i in range(6))
 HOME = np.deg2rad([0.0, -70.0, 70.0, -90.0, -90.0, 0.0])
 
@@ -173,7 +174,7 @@ def test_limits_of_moveit_replace_the_robots(around: str, tmp_path: Path, typed:
     assert found.given_names == ("velocity", "acceleration", "jerk")
     write_table(file := tmp_path / "m.csv", np.array([0.0, 2.0]), HOME + one_joint(0, [0.0, 0.6]), np.zeros((2, 6)))
     status, out, said = typed("certify", str(file), "--robot", "ur5e", "--limits", str(limits))
-    assert "no joints of ur5e: finger" in said and said.count("warning") == 1
+    assert "no joints of ur5e: finger; not read: default_velocity_scaling_factor" in said and said.count("warning") == 1
     assert status == 1 and re.search(r"position .*5\.73° outside .*joint1 .*2\.000 .*exceeded", out), out
     assert re.search(r"acceleration .*respected \(joint1,", out) and re.search(r"torque rate .*not judged", out)
     typed_again = ["--velocity", "0.3"]  # the option replaces the value of the file
@@ -219,7 +220,7 @@ def test_a_plan_respects_limits_of_moveit_with_other_joint_names(tmp_path: Path,
         ("joint_limits: {joint1: {max_velocity: -1}}", "joint1, max_velocity"),
         ("joint_limits: {joint1: {min_position: 1, max_position: 0}}", "min_position ≤ max_position"),
         ("joint_limits: {joint1: {has_velocity_limits: maybe}}", "true or false"),
-        ("joint_limits: {a: {}}", "limits of some of"),
+        ("joint_limits: {a: {}}", "got limits of a; --joint-names gives the names in the file"),
     ],
 )  # fmt: skip
 def test_wrong_limits_are_refused_in_one_line(text: str, words: str, tmp_path: Path, typed: Any) -> None:

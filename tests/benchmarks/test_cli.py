@@ -174,7 +174,7 @@ def test_certify_reads_a_table_of_another_program(tmp_path: Path, typed: Any) ->
     status, out, _ = typed(*given, "--json")
     data = json.loads(out)
     assert typed(*given, "--velocity", "0.1")[0] == 1
-    assert status == 0 and len(data["notes"]) == 3 and data["duration"] == 0.75
+    assert status == 0 and len(data["notes"]) == 4 and data["duration"] == 0.75
     turned = np.array([178.2 * np.pi / 180.0, 3.12, -3.1 + 2.0 * np.pi, -3.05 + 2.0 * np.pi])
     assert data["velocity"]["value"][0] == pytest.approx(
         planners.load_trajectory(

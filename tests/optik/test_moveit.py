@@ -99,6 +99,37 @@ def test_objects_that_are_added_and_links_of_their_own_size_change_nothing(tmp_p
         assert load(tmp_path, text) == load(tmp_path, SCENE)
 
 
+BOX = """
+header: {stamp: {sec: 0, nanosec: 0}, frame_id: base_link}
+id: crate
+primitives: [{type: 1, dimensions: [0.2, 0.3, 0.4]}]
+primitive_poses: [{position: {x: 0.6, z: 0.2}}]
+"""
+"""One CollisionObject."""
+
+
+@pytest.mark.parametrize("operation", ["0", "ADD", '"\\0"', "!!binary AA=="])
+@pytest.mark.parametrize("around", ["{}", "collision_objects: [{{{}}}]", "world: {{collision_objects: [{{{}}}]}}",
+                                    "scene: {{name: a, world: {{collision_objects: [{{{}}}]}}}}\nsuccess: true"])  # fmt: skip
+def test_a_scene_may_be_inside_another_message_or_one_object(around: str, operation: str, tmp_path: Path) -> None:
+    lines = [*BOX.strip().splitlines(), f"operation: {operation}"]
+    scene = load(tmp_path, around.format(("\n" if around == "{}" else ", ").join(lines)))
+    assert scene.names == ("crate",) and scene.boxes[0][1].tolist() == [0.2, 0.3, 0.4]
+    assert scene.boxes[0][0][:3, 3].tolist() == [0.6, 0.0, 0.2]
+
+
+def test_an_object_that_is_removed_is_left_out_and_it_is_said(tmp_path: Path) -> None:
+    two = "collision_objects: [{%s}, {id: ball, primitives: [{type: 2, dimensions: [0.1]}]}, {id: %s, operation: %s}%s]"
+    crate = ", ".join(BOX.strip().splitlines())
+    for word in ("REMOVE", "1", '"\\x01"', "!!binary AQ=="):
+        with pytest.warns(AssumptionWarning, match=r"REMOVE: crate before collision_objects\[2\] is left out"):
+            assert load(tmp_path, two % (crate, "crate", word, "")).names == ("ball",)
+    with pytest.warns(AssumptionWarning, match="REMOVE: every object"):
+        assert load(tmp_path, two % (crate, "''", "REMOVE", f", {{{crate}}}")).names == ("crate",)
+    with pytest.raises(InvalidInput, match="no objects"):
+        load(tmp_path, "{id: a, operation: REMOVE}")
+
+
 def test_missing_fields_have_the_defaults_of_the_messages(tmp_path: Path) -> None:
     whole, quarter = (
         "{x: 0, y: 0, z: 2}, orientation: {x: 0, y: 0, z: 0, w: 1}",
@@ -255,8 +286,8 @@ BAD = [
     (SCENE.replace("frame_id: panda_link0", "frame_id: panda_hand"), "a frame of the base or of the world"),
     ("world: {octomap: {octomap: {resolution: 0.05, data: [1, 2]}}}", "world.octomap: expected none"),
     ("world: {octomap: 3}", "world.octomap: expected a mapping"),
-    ("world: {collision_objects: [{id: a, operation: REMOVE}]}", "operation: expected ADD"),
-    ("world: {collision_objects: [{id: a, operation: 1}]}", "operation: expected ADD"),
+    ("world: {collision_objects: [{id: a, operation: MOVE}]}", r"operation: expected ADD \(0\) or REMOVE"),
+    ("world: {collision_objects: [{id: a, operation: [1]}]}", r"operation: expected ADD \(0\) or REMOVE"),
     ("world: {}\nlink_padding: [{link_name: hand, padding: 0.01}]", "padding: expected 0"),
     ("world: {}\nlink_scale: [{link_name: hand, scale: 1.1}]", "scale: expected 1"),
     ("world: {collision_objects: [{id: 3}]}", "a string"),

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 import optik
 from optik import JointLimits, Robot, se3
-from optik.arm.plain import numbers_to_list, read_numbers
+from optik.arm.plain import numbers_to_list, read_numbers, read_pose
 from optik.errors import InvalidInput, OptikError
 
 finite = st.floats(allow_nan=False, allow_infinity=False)
@@ -94,3 +95,30 @@ def test_what_describes_no_robot_is_refused_by_name(damage: Any, named: str) -> 
 def test_numbers_of_another_shape_say_which_was_expected() -> None:
     with pytest.raises(InvalidInput, match=r"x: expected numbers of shape \(2, 3\).*got 2 of them"):
         read_numbers([[1.0, 2.0, 3.0], [1.0, 2.0]], (2, 3), "x")
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_a_pose_has_any_one_orientation(seed: int) -> None:
+    turn = (
+        Rotation.from_euler("ZYX", [-90.0, 0.0, 90.0], degrees=True)
+        if seed == 0
+        else Rotation.random(random_state=seed)
+    )
+    x, y, z, w = turn.as_quat()
+    a, b, c = turn.as_euler("ZYX", degrees=True)
+    given = {
+        "quaternion_wxyz": [w, x, y, z], "quaternion_xyzw": [x, y, z, w], "rotation_vector_rad": turn.as_rotvec().tolist(),
+        "rpy_deg": [c, b, a], "abc_deg": [a, b, c],
+    }  # fmt: skip
+    for kind, values in given.items():
+        T = read_pose({"xyz_mm": [100.0, -20.0, 3.0], kind: values}, "pose")
+        np.testing.assert_allclose(T[:3, :3], turn.as_matrix(), rtol=0, atol=1e-12)
+        assert T[:3, 3].tolist() == [0.1, -0.02, 0.003]
+    for wrong, words in (
+        ({"quaternion": [w, x, y, z]}, r"quaternion unknown; did you mean quaternion_\w+ or quaternion_\w+\?"),
+        ({"rpy_deg": [0.0] * 3, "abc_deg": [0.0] * 3}, "expected one orientation; got rpy_deg and abc_deg"),
+        ({"quaternion_wxyz": [w, x, y]}, "4 finite numbers"), ({"quaternion_xyzw": [0.0] * 4}, "of length 0"),
+        ({"rotation_vector_rad": [0.0, 180.0, 0.0]}, "at most a turn"),
+    ):  # fmt: skip
+        with pytest.raises(InvalidInput, match=words):
+            read_pose(wrong, "pose")

@@ -168,8 +168,21 @@ def test_what_is_not_of_the_chain_is_not_read():
     rest += joint(9, "prismatic", LIMIT + '<mimic joint="j0"/>', "grip", "link1", "finger")
     rest += joint(9, "floating", "", "free", "link1", "ball") + joint(9, "revolute", "", "bad", "link1", "thumb")
     inside = LIMIT + '<safety_controller soft_lower_limit="-0.1" soft_upper_limit="0.1" k_velocity="1"/>'
-    robot = Robot.from_urdf(arm(joint(0, inside=inside), links=2, rest=rest), "link1")
+    with pytest.warns(
+        RobotModelWarning, match=r"soft limits of <safety_controller> are not the ranges: 'j0' \[-0.1, 0.1\]"
+    ):
+        robot = Robot.from_urdf(arm(joint(0, inside=inside), links=2, rest=rest), "link1")
     assert robot == Robot.from_urdf(one(LIMIT))
+    for soft in ('soft_lower_limit="-9" soft_upper_limit="9" ', ""):  # wider, or none
+        assert Robot.from_urdf(one(f'{LIMIT}<safety_controller {soft}k_velocity="1"/>')) == robot
+
+
+@pytest.mark.parametrize("text", ["inf", "+Infinity", "0"])
+def test_a_limit_may_be_infinite(text: str) -> None:
+    limits = Robot.from_urdf(
+        one(f'<limit lower="-1" upper="1" velocity="{text}" effort="{text}" acceleration="{text}"/>')
+    ).limits
+    assert limits.velocity is None and limits.torque is None and limits.acceleration is None
 
 
 def test_a_default_namespace_is_no_obstacle():
@@ -424,8 +437,8 @@ BAD_ARMS = {
     "infinite limit": (one('<limit lower="-1" upper="inf"/>'), {}, "upper limit is 'inf'"),
     "a word": (one('<limit lower="-1" upper="far"/>'), {}, "upper limit is 'far', expected a finite number"),
     "Python's number": (one('<limit lower="-1" upper="1_0"/>'), {}, "upper limit is '1_0'"),
-    "backwards": (one('<limit lower="-1" upper="1" velocity="-1"/>'), {}, "velocity limit -1"),
-    "NaN velocity": (one('<limit lower="-1" upper="1" velocity="NaN"/>'), {}, "velocity limit is 'NaN'"),
+    "backwards": (one('<limit lower="-1" upper="1" velocity="-1"/>'), {}, "velocity -1, expected a number ≥ 0"),
+    "NaN velocity": (one('<limit lower="-1" upper="1" velocity="NaN"/>'), {}, "velocity is 'NaN'"),
     "no axis": (one('<axis xyz="0 0 0"/>' + LIMIT), {}, "joint 'j0': axis 0 0 0 has no direction"),
     "half an axis": (one('<axis xyz="0 1"/>' + LIMIT), {}, "axis xyz is '0 1', expected three numbers"),
     "an axis without xyz": (one("<axis/>" + LIMIT), {}, "axis xyz is ''"),

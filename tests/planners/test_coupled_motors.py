@@ -11,7 +11,7 @@ import pytest
 
 import optik
 from optik import Scene
-from optik.errors import InvalidInput, NoSolution
+from optik.errors import AssumptionWarning, InvalidInput, NoSolution
 from optik.types import Array
 from planners import (
     JointLine,
@@ -141,9 +141,25 @@ def test_files_and_messages_have_the_makers_joints(tmp_path: Path) -> None:
     table = np.array(rows[1:], dtype=float)
     np.testing.assert_allclose(table[:, 1:7], robot.motors.of(found.trajectory(table[:, 0])), atol=1e-12)
     to_ros(found, tmp_path / "a.yaml")
-    read = load_trajectory(tmp_path / "a.yaml", robot)
+    with pytest.warns(AssumptionWarning, match="positions are those of the motors .*, with the matrix of"):
+        read = load_trajectory(tmp_path / "a.yaml", robot)
     t = np.linspace(0.0, min(read.end, found.duration), 300)
     np.testing.assert_allclose(read(t), found.trajectory(t), atol=1e-7)
+
+
+@pytest.mark.parametrize(("suffix", "rate"), [(".json", None), (".csv", None), (".csv", 100.0)])
+def test_a_motion_file_is_refused_for_another_matrix(suffix: str, rate: float | None, tmp_path: Path) -> None:
+    found = planned("differential wrist")
+    save(found, file := tmp_path / f"a{suffix}", rate=rate)
+    read = load_trajectory(file, found.robot)
+    np.testing.assert_allclose(read(read.end), found.trajectory(found.duration), atol=1e-9)
+    other, shifted = arm(MATRICES["random"]), replace(found.robot.motors, offset=found.robot.motors.offset + 0.1)
+    plain = replace(optik.load("puma560"), joint_names=found.robot.joint_names)
+    for wrong in (other, plain, optik.load("puma560").with_motors(shifted.matrix, offset=shifted.offset, names=NAMES)):
+        with pytest.raises(InvalidInput, match=r"motors: expected those of .*; got other motors, or another matrix"):
+            load_trajectory(file, wrong)
+    with pytest.raises(InvalidInput, match=r"^unit: expected none, because .* states its units"):
+        load_trajectory(file, found.robot, unit="deg")
 
 
 def test_a_motion_of_another_matrix_is_refused(tmp_path: Path) -> None:

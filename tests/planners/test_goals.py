@@ -129,6 +129,16 @@ def test_a_bare_goal_is_reached_the_short_way_round_and_a_given_line_is_taken_as
         np.testing.assert_allclose(written.goal, GOAL, atol=1e-9)
 
 
+def test_degrees_as_a_start_or_a_goal_are_asked_for() -> None:
+    robot, q = optik.load("ur5e"), np.array([0.0, -1.2, 1.5, -1.5, -1.5, 0.0])
+    for goal, start, argument in ((robot.fk(q), np.rad2deg(q), "q_start"), (np.rad2deg(q), q, "q_goal")):
+        with pytest.raises(InvalidInput, match=rf"^{argument}: .* rad; got .* rad; are these degrees\?$"):
+            plan(robot, goal, start)
+    for far in (7.0, 500.0):  # an error of any unit; no degrees either
+        with pytest.raises(InvalidInput, match=rf"got joint1 = {far:g} rad$"):
+            plan(robot, q, [far, *q[1:]])
+
+
 def test_a_search_goes_the_short_way_or_the_long_one_where_that_is_blocked(continuous: Robot) -> None:
     assert not JointSpace(continuous, ball(np.pi)).is_edge_free(START, np.array([TURN - 3.0, 0.3]))
     for scene, length, goal in ((ball(0.0), SHORT, TURN - 3.0), (ball(np.pi), 6.0, -3.0)):

@@ -7,7 +7,7 @@ import pytest
 
 import optik
 import planners
-from optik.errors import InvalidInput
+from optik.errors import AssumptionWarning, InvalidInput
 from planners import (
     Arc,
     Dwell,
@@ -39,6 +39,28 @@ def read(folder: Path, text: str, head: str = HEAD + FRAMES) -> planners.program
 
 def mistakes(folder: Path) -> list[InvalidInput]:
     return read_program(folder / "p.toml")[1]
+
+
+@pytest.mark.parametrize(
+    "turn", ["quaternion_wxyz = [0, 1, 0, 0]", "quaternion_xyzw = [1, 0, 0, 0]", "abc_deg = [0, 0, 180]"]
+)
+def test_poses_frames_and_tools_have_any_orientation(turn: str, tmp_path: Path) -> None:
+    tables = "[[part]]\npose = { frame = 'table', xyz_mm = [10, 20, 300], TURN }\n[[part]]\ntool = { TURN }\n"
+    tables += "[[part]]\nvector_mm = [0, 0, 9]"
+    first, second = (
+        read(tmp_path, tables.replace("TURN", words)).program.items for words in (turn, "rpy_deg = [180, 0, 0]")
+    )
+    np.testing.assert_allclose(first[0].goal, second[0].goal, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(first[1].tool, second[1].tool, rtol=0, atol=1e-15)
+
+
+def test_radians_that_are_typed_as_degrees_are_asked_for(tmp_path: Path) -> None:
+    with pytest.warns(
+        AssumptionWarning, match=r"joints: angles of at most 1.57° are read as degrees; are these radians\?"
+    ):
+        found = read(tmp_path, "[[part]]\njoints = [0.3, -1.57, 1.5, -1.57, -1.57, 0]\n")
+    np.testing.assert_allclose(found.program.items[0].goal[1], np.deg2rad(-1.57), rtol=0, atol=1e-15)
+    read(tmp_path, "[[part]]\njoints = [1, -2, 3, 0, 0, 0]\n")  # whole degrees are meant
 
 
 def test_every_key_means_what_its_unit_says(tmp_path: Path) -> None:
@@ -241,7 +263,7 @@ PARTS = [
     ("payload_kg = -1\n", "[[part]] 1: payload_kg: expected a number of at least 0 [kg]; got -1"),
     (
         "tool = { frame = 'table', xyz_mm = [0, 0, 1] }\n",
-        "tool: expected a mapping with xyz_mm, rpy_deg; got frame unknown",
+        "rotation_vector_rad, abc_deg; got frame unknown",
     ),
     ("payload_com_mm = [0, 0, 1]\n", "[[part]] 1: payload_com_mm: expected payload_kg, too"),
     ("tool = { xyz_mm = [0, 0, 1] }\nname = 'x'\n", "[[part]] 1 'x': keys: expected a mapping with tool"),

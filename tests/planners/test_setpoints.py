@@ -20,6 +20,7 @@ from tests.figures import tables
 from tests.seeds import shift_seed
 
 yaml = pytest.importorskip("yaml")
+pytestmark = pytest.mark.filterwarnings("ignore:.*no units in the header:optik.errors.AssumptionWarning")
 ARM = """<robot name="two"><link name="base"/><link name="a"/><link name="b"/>
 <joint name="j1" type="continuous"><parent link="base"/><child link="a"/><axis xyz="0 0 1"/><limit velocity="3" effort="9"/>
 </joint><joint name="j2" type="revolute"><parent link="a"/><child link="b"/><origin xyz="0.5 0 0"/><axis xyz="0 1 0"/>
@@ -79,11 +80,47 @@ def test_times_are_those_of_ros_1_and_2_or_float_seconds(read: Callable[..., Tra
 def test_what_a_message_has_beside_one_joint_trajectory_is_refused(read: Callable[..., Trajectory]) -> None:
     inner = {"joint_trajectory": message()}
     for wrong, words in (
-        ({"trajectory": [inner, inner]}, "trajectory: expected one; got 2"), ({"trajectory": []}, "got 0"),
-        ({**inner, "multi_dof_joint_trajectory": {"points": [{}]}}, "multi_dof_joint_trajectory: expected none; got 1"),
+        ({"trajectory": [inner, inner]}, "trajectory: expected one .*; got 2"), ({"trajectory": []}, "joint_names: .*got None"),
+        ({**inner, "multi_dof_joint_trajectory": {"points": [{}]}}, "trajectory: expected one .*; got 2"),
     ):  # fmt: skip
         with pytest.raises(InvalidInput, match=words):
+            read(json.dumps(wrong), "log.json")
+
+
+def test_the_only_trajectory_of_a_message_is_found_at_any_depth(read: Callable[..., Trajectory]) -> None:
+    goal = {"trajectory": message(), "path_tolerance": [], "goal_time_tolerance": {"sec": 0, "nanosec": 0}}
+    check(read({"header": {"frame_id": ""}, "goal_id": {"id": "a-1"}, "goal": goal}))
+    check(read({"goal": [{"a": {"b": {"joint_trajectory": message()}}}], "multi_dof_joint_trajectory": {"points": []}}))
+    for key, times in (
+        ("times", T),
+        ("time_from_start", T),
+        ("time_from_start", [{"sec": 0, "nanosec": round(t * 1e9)} for t in T[:2]]),
+    ):
+        rows = slice(len(times))
+        data = {"joint_names": ["j1", "j2"], key: times, "positions": Q[rows], "velocities": V[rows]}
+        found = read({"result": {"planned": data}})
+        np.testing.assert_allclose(found(found.knots, 1), V[rows], rtol=0, atol=1e-15)
+    for wrong in ({"goal": {"trajectory": {"joint_names": ["j1", "j2"], "points": []}}}, {}, {"a": [1, 2]}):
+        with pytest.raises(InvalidInput, match=r"log.yaml: joint_names: .*got None"):
             read(wrong)
+
+
+def test_one_later_point_is_a_motion_from_the_start(read: Callable[..., Trajectory]) -> None:
+    later = {
+        "joint_names": ["j2", "j1"],
+        "points": [{"positions": [0.15, 0.3], "time_from_start": {"sec": 2, "nanosec": 0}}],
+    }
+    with pytest.raises(InvalidInput, match=r"points\[0\].time_from_start: .*start=Q is the configuration at 0 s"):
+        read(later)
+    later["points"][0]["velocities"] = [0.0, 0.0]
+    with pytest.warns(AssumptionWarning, match="at rest at the start"):
+        found = read(later, start=[0.1, 0.0])
+    assert found.duration == 2.0 and found(0.0).tolist() == [0.1, 0.0]
+    np.testing.assert_allclose(found(2.0), [0.3, 0.15], rtol=0, atol=1e-15)
+    np.testing.assert_allclose(found(np.array([0.0, 2.0]), 1), np.zeros((2, 2)), rtol=0, atol=1e-15)
+    later["points"][0]["time_from_start"] = 0.0
+    with pytest.raises(InvalidInput, match="expected at least two, or a later one and start=Q"):
+        read(later)
 
 
 def test_numbers_that_yaml_reads_as_text_are_numbers(read: Callable[..., Trajectory]) -> None:
@@ -106,6 +143,9 @@ def test_a_first_point_after_0_needs_the_start(read: Callable[..., Trajectory]) 
 
 
 # ---------------------------------------------------------------- clocks
+UNITS = "t_s;j1 [rad];j2 [rad];dq_j1 [rad/s];dq_j2 [rad/s]"
+
+
 def table(begin: str = "", comma: bool = False, head: str = "time;j1;j2;dq_j1;dq_j2") -> str:
     times = [f"{begin}{t}" if not begin else begin + f"{t:.9f}"[1:] for t in T[:2]] + ["1.0"]
     rows = [";".join([t, *map(str, [*q, *v])]) for t, q, v in zip(times, Q, V, strict=True)]
@@ -257,9 +297,10 @@ def test_splines_through_positions_are_those_of_ros_2(read: Callable[..., Trajec
         ("time,j1,j2\n1e999,0,0\n2,0,0\n", "line 2, column time"), ("time,j1,j2\n1_0,0,0\n2,0,0\n", "line 2, column time"),
         ("time,j1,j2\n\u0661,0,0\n2,0,0\n", "line 2, column time"),
         ("time,j1,j2\n0,0,0\n1,0,0\n1,0,0\n", "line 4, column time"),
-        ("time,j1,j2\n0,0,0\n", "1 rows"), ("\x00\x00", "line 1"), ("[" * 60_000, "line 1"), ("(" * 60_000 + " ", "line 1"),
+        ("time,j1,j2\n0,0,0\n", "one point"), ("\x00\x00", "line 1"), ("[" * 60_000, "line 1"), ("(" * 60_000 + " ", "line 1"),
         ('a' + '"' * 60_001, "line 1"), (" " * 60_000 + "x", "line 1"), ("time,j1,j2,j1\n", "different columns"),
-        ("time,t,j1,j2\n0,0,0,0\n1,1,0,0\n", "only times"), ("time,j1,j2,ddq_j1,ddq_j2\n0,0,0,0,0\n1,0,0,0,0\n", "only times"),
+        ("time,t,j1,j2\n0,0,0,0\n1,1,0,0\n", "found are times: time, t; .* ignore= leaves"),
+        ("time,j1,j2,ddq_j1,ddq_j2\n0,0,0,0,0\n1,0,0,0,0\n", "accelerations: ddq_j1, ddq_j2; columns='t,j1,j2'"),
     ],
     ids=range(15),
 )  # fmt: skip
@@ -286,4 +327,4 @@ def test_random_tables_are_read_as_written_or_refused(case: int) -> None:
 def test_nothing_is_told_where_nothing_is_assumed(read: Callable[..., Trajectory]) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert read(message()).notes == read(table()).notes == ()
+        assert read(message()).notes == read(table(head=UNITS)).notes == read(table(), unit="s,rad").notes == ()

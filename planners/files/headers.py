@@ -1,0 +1,131 @@
+"""Columns of a log: times, and positions, velocities and accelerations of joints, found by the words of the headers.
+
+A header is divided into words at separators, between letters and digits, and in camelCase. Its end may be a unit. A column of a
+joint has the joint's name, or a number where the numbers of such columns run from 0 or 1. The other words are those of one
+quantity. Components of a path, such as the name of a topic, may have any words.
+"""
+
+from __future__ import annotations
+
+import re
+from decimal import Decimal
+
+import numpy as np
+
+from optik.arm.robot import Robot
+from optik.errors import InvalidInput
+from optik.tables import TableColumn, TextTable, find_size, split_unit
+from planners.ros.message import POINT_FIELDS, MessagePoints
+
+CLOCKS = ("t", "time", "times", "timestamp", "timestamps", "stamp", "elapsed", "clock", "epoch")
+"""Last words of the name of a column of times."""
+SINCE_START = ["time", "from", "start"]
+"""Words of a column of times from the start of the motion, as in messages."""
+WORDS = (
+    "q pos position positions angle angles A@", "dq qd qdot v vel velocity velocities speed speeds",
+    "ddq qdd qddot a acc accel acceleration accelerations",
+    "@ j joint joints axis axes state states value values actual measured target desired command commanded",
+)  # fmt: skip
+"""Words of quantities by the order of the derivative, and words beside them; @ is the joint: A1 is an axis of KUKA's arms."""
+PLAIN = 3
+"""Index of the words without a quantity."""
+ORDERS = {word: order for order, words in enumerate(WORDS) for word in words.split()}
+"""Order of the derivative of each word."""
+CONTRARY = {"error", "errors"}
+"""Words that make a quantity another one, also in a path."""
+NUMBER, LONGEST_HEADER = re.compile(r"(?<!\d)\d{1,4}(?!\d)"), 200
+"""Numbers of joints, and the longest header that is divided into words."""
+Columns = dict[str, TableColumn]
+"""Columns by their headers."""
+
+
+def list_units(robot: Robot, order: int) -> list[str]:
+    """Return the units of the joints' positions, or of their derivatives."""
+    return [("m" if slides else "rad") + ("", "/s", "/s2")[order] for slides in robot.prismatic]
+
+
+def read_log(table: TextTable, robot: Robot, names: list[str]) -> MessagePoints:
+    """Return the setpoints of a table, in SI units where the header states no others."""
+    sets = _find_sets(table, robot, names)
+    used = {header: column for own in sets.values() for header, column in own.items()}
+    clocks = {header: column for header, column in _find_clocks(table).items() if header not in used}
+    stems = {split_unit(header)[0] for header in clocks}
+    pair = len(stems) == 1 and {column.unit for column in clocks.values()} == {"s", "ns"}
+    expected = f"one column of times (t, stamp, time_ms …), and one for each of {', '.join(names)} (by name, or q1 …)"
+    if len(clocks) != 1 + pair or 0 not in sets or (2 in sets and 1 not in sets):
+        found = {"times": clocks, POINT_FIELDS[0]: {}, **{POINT_FIELDS[order]: own for order, own in sets.items()}}
+        known = "; ".join(f"{kind}: {', '.join(own) or 'none'}" for kind, own in found.items())[:200]
+        advice = f"columns='t,{','.join(names)}' names all columns, ignore= leaves some out"
+        raise table.make_header_error(expected, f"found are {known}; {advice}")
+    table.refuse_others([*clocks, *used], expected)
+    table, clock, sizes = table._replace(columns=clocks | used), [*clocks], [c.size for c in clocks.values()]
+    begin = float(table.read_numbers(clock)[:1].sum())
+    rows = [[Decimal(cell.replace(",", ".")) for cell in table.read_cells(i, clock)] for i in range(len(table.lines))]
+    t = np.array([sum(float(x - x0) * size for x, x0, size in zip(row, rows[0], sizes, strict=True)) for row in rows])
+    orders, from_start = sorted(sets), _find_words(stems.pop().lower())[-3:] == SINCE_START
+    values = [table.read_numbers(list(sets[order])) for order in orders]
+    pairs = [*zip(["s"], clocks.values(), strict=False)]
+    pairs += [pair for k in orders for pair in zip(list_units(robot, k), sets[k].values(), strict=True)]
+    assumed = dict.fromkeys(unit for unit, column in pairs if not column.unit)
+    return MessagePoints(t, begin, values, from_start, lambda i: table.locate(i, *clock), table.notes, assumed)
+
+
+def _find_sets(table: TextTable, robot: Robot, names: list[str]) -> dict[int, Columns]:
+    """Return the columns of each order of derivative: those with the joints' names, or with numbers in their order."""
+    named = [re.compile(rf"(?<![^\W_]){re.escape(name)}(?![^\W_])", re.IGNORECASE) for name in names]
+    found: dict[int, Columns] = {}
+    for by_name in (True, False):
+        groups: dict[str, dict[int, Columns]] = {}
+        others = [h for h in table.columns if len(h) <= LONGEST_HEADER and not any(h in own for own in found.values())]
+        for header in others:
+            marks = [(i, m) for i, pattern in enumerate(named) for m in pattern.finditer(header)]
+            marks = [(i, m) for i, m in marks if len(m[0]) == max(len(other[0]) for _, other in marks)]
+            for i, m in marks if by_name else [(int(m[0]), m) for m in NUMBER.finditer(header)]:
+                stem, unit = split_unit(f"{header[: m.start()]}@{header[m.end() :]}")
+                groups.setdefault(stem, {}).setdefault(i, {})[header] = table.columns[header]._replace(unit=unit)
+        for stem, members in groups.items():
+            order, begin = _find_order(stem), min(members)
+            if order is None or begin > 1 or sorted(members) != [*range(begin, begin + robot.n)]:
+                continue
+            pairs = [(unit, *x) for i, unit in enumerate(list_units(robot, order)) for x in members[begin + i].items()]
+            own = {header: c._replace(size=size) for usual, header, c in pairs if (size := find_size(c.unit, usual))}
+            if len(own) >= robot.n and len(both := found.get(order, {}) | own) > robot.n:
+                first = found.get(order) or [next(iter(each)) for each in members.values()]
+                advice = f"ignore={','.join(h for h in both if h not in first)!r} leaves columns out"
+                expected = f"one column of {POINT_FIELDS[order]} for each joint"
+                raise InvalidInput(table.locate(), ",".join(both)[:160], expected, advice=advice)
+            if len(own) == robot.n and order not in found:
+                found[order] = own
+                words = f"the columns {','.join(own)} are {','.join(names)}, by their numbers"
+                table.notes.extend([words[:200]] * (not by_name))
+    return found
+
+
+def _find_order(stem: str) -> int | None:
+    """Return the order of the derivative that the words around a joint state; None for another quantity."""
+    orders = {PLAIN}
+    for part in re.split("[/.:]", stem):
+        words = [word if word in ORDERS else word.lower() for word in _find_words(part) if not word.isdigit()]
+        own = {ORDERS.get(word, -1) for word in words}
+        if not CONTRARY.isdisjoint(words) or (-1 in own and (own - {-1, PLAIN} or "@" in part)):
+            return None
+        orders |= own
+    found = orders - {-1, PLAIN}
+    return found.pop() if len(found) == 1 else 0 if orders == {PLAIN} else None
+
+
+def _find_words(text: str) -> list[str]:
+    return re.findall(r"A@|[^\W\d_]+|\d+|@", re.sub(r"(?<=[a-z])(?=[A-Z])", "_", text))
+
+
+def _find_clocks(table: TextTable) -> Columns:
+    """Return the columns of times."""
+    found = {}
+    for header, column in table.columns.items():
+        stem, unit = split_unit(header)
+        whole, words = all(cells[column.at].isdigit() for _, cells in table.lines), _find_words(stem.lower())
+        unit = "ns" if header == "%time" and whole else unit  # of rostopic echo -p
+        named = words[-1] in CLOCKS or words[-3:] == SINCE_START if words else bool(unit) and header.lower() != "s"
+        if named and (size := find_size(unit, "s")):
+            found[header] = TableColumn(column.at, unit, size)
+    return found
