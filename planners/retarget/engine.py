@@ -66,13 +66,16 @@ class _Samples:
 
 
 class _Attempt(NamedTuple):
-    """A motion, or None and the reason; then skipped and repaired targets, and the reference of a chunk."""
+    """A motion, or None and the reason; then the facts of a chunk, as `Retargeted` has them."""
 
     curve: JointCubics | Trajectory | None
     reason: str = "Ruckig found no motion"
     skipped: int = 0
     repaired: int = 0
     reference: Reference | None = None
+    clipped: int = 0
+    jumps: int = 0
+    scatter: float = 0.0
 
 
 Make = Callable[[Array, int], _Attempt]

@@ -91,6 +91,10 @@ class Retargeted:
         Targets of the chunk before its entry; targets that were clipped to the ranges, or repeated the one before.
     reference : Reference or None
         The paced reference of a chunk.
+    clipped, jumps : int
+        Targets of the chunk that were clipped to the ranges; those at which a joint with limits jumps by more than π.
+    scatter : float
+        Standard deviation of the chunk's targets about a smooth curve, of the joint with the largest one [rad, m].
     """
 
     status: RetargetStatus
@@ -103,6 +107,9 @@ class Retargeted:
     skipped: int = 0
     repaired: int = 0
     reference: Reference | None = field(default=None, repr=False)
+    clipped: int = 0
+    jumps: int = 0
+    scatter: float = 0.0
 
     def __bool__(self) -> bool:
         return self.status is not RetargetStatus.KEPT
