@@ -4,18 +4,25 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from optik.arm.limits import LARGEST_LIMIT
 from optik.arm.robot import Robot
 from optik.check import check_number, real_array
 from optik.errors import InvalidInput
 from optik.tables import Names, read_table
 from optik.types import Array
+from planners.paths.goal import find_continuous, unwind
 
 FEWEST, MOST = 4, 1000
 """Points of a reference: a chunk with fewer is divided; and the largest number of a chunk."""
+BEYOND = (0.005, 0.1)
+"""Distances beyond the ranges up to which targets are clipped to them: sliding joints [m], turning ones [rad]."""
+LIKE_DEGREES = 1.0
+"""Distance beyond a range from which degrees are suspected [rad]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,27 +51,68 @@ class Chunk:
     def __post_init__(self) -> None:
         expected = f"an (m, n) array of 2 to {MOST} finite joint targets"
         points = real_array(self.points, "points", expected).copy()
-        if points.ndim != 2 or not 2 <= len(points) <= MOST or not np.isfinite(points).all():
+        if points.ndim != 2 or not 2 <= len(points) <= MOST:
             raise InvalidInput("points", f"an array of shape {points.shape}", expected)
+        if not (finite := np.isfinite(points).all(axis=1)).all():
+            raise InvalidInput("points", f"{points[k := int(finite.argmin())]} in row {k}"[:80], expected)
         object.__setattr__(self, "points", points)
         object.__setattr__(self, "rate", check_number(self.rate, "rate", "targets per second, above 0", above=0.0))
         object.__setattr__(self, "observed", check_number(self.observed, "observed", "a time [s]"))
 
 
-def repair(chunk: Chunk, lower: Array, upper: Array) -> tuple[Array, float, int]:
-    """Return the targets (m, n) inside the ranges, their rate [1/s], and the number of changed ones.
+class Targets(NamedTuple):
+    """Targets (m, n) inside the ranges, their rate [1/s], the numbers of changed and clipped ones, and of jumps by over π.
 
-    A target that equals the one before in all joints, but not the next one, stands for a missing one. It becomes the mean of
-    its neighbours.
+    `refused` says why a chunk cannot be meant; empty otherwise.
     """
-    given = np.asarray(chunk.points)
-    P = np.clip(given, lower, upper)
-    for i in np.flatnonzero((P[1:-1] == P[:-2]).all(axis=1) & (P[2:] != P[1:-1]).any(axis=1)):
-        P[i + 1] = 0.5 * (P[i] + P[i + 2])
-    changed, rate = int((given != P).any(axis=1).sum()), chunk.rate
+
+    points: Array
+    rate: float
+    repaired: int
+    clipped: int
+    jumps: int
+    refused: str
+
+
+def read_targets(chunk: Chunk, robot: Robot, ranges: Array, near: Array, age: float) -> Targets:
+    """Return the targets that are meant, from a state's joints (n,) and the chunk's age [s]; ranges (n, 2).
+
+    Joints without limits take the shortest way, from target to target, and from the joints to the target of this age. A target
+    that equals the one before in all joints, but not the next one, stands for a missing one. It becomes the mean of its
+    neighbours.
+    """
+    given, free, slides, rate = np.asarray(chunk.points), find_continuous(robot), robot.prismatic, chunk.rate
+    refused = _refuse(given, robot)
+    P = given if refused else given.copy()
+    if free.any() and not refused:
+        P[:, free] = np.unwrap(given[:, free], axis=0)
+        now = P[int(np.clip(age * rate, 0.0, len(P) - 1.0))]
+        P += unwind(robot, now, near) - now
+    jumps = int((np.abs(np.diff(P[:, ~free & ~slides], axis=0)) > np.pi).any(axis=1).sum())
+    inside = np.clip(P, *ranges.T)
+    clipped, P = (inside != P).any(axis=1), inside
+    repeats = np.flatnonzero((P[1:-1] == P[:-2]).all(axis=1) & (P[2:] != P[1:-1]).any(axis=1)) + 1
+    for i in repeats:
+        P[i] = 0.5 * (P[i - 1] + P[i + 1])
+    repaired, clipped = np.union1d(repeats, np.flatnonzero(clipped)).size, int(clipped.sum())
     while len(P) < FEWEST:
         P, rate = np.insert(P, range(1, len(P)), 0.5 * (P[1:] + P[:-1]), axis=0), 2.0 * rate
-    return P, rate, changed
+    return Targets(P, rate, repaired, clipped, jumps, refused)
+
+
+def _refuse(P: Array, robot: Robot) -> str:
+    """Return why targets (m, n) are too far outside the ranges to be meant, or nothing."""
+    limits, slides = robot.limits, robot.prismatic
+    lower, upper = np.maximum(limits.lower, -LARGEST_LIMIT), np.minimum(limits.upper, LARGEST_LIMIT)
+    grace = np.where(slides, *BEYOND)
+    excess = np.maximum(lower - P, P - upper)
+    if not (excess > grace).any():
+        return ""
+    k, i = np.unravel_index(int((excess / grace).argmax()), P.shape)
+    angles = np.where(slides, P, np.deg2rad(P))
+    fits = excess[k, i] > LIKE_DEGREES and not (np.maximum(lower - angles, angles - upper) > grace).any()
+    words = f"target {k} of {robot.joint_names[i]} is {P[k, i]:.6g}, {excess[k, i]:.3g} {'m' if slides[i] else 'rad'} beyond"
+    return f"{words} its range [{limits.lower[i]:.6g}, {limits.upper[i]:.6g}]{': are these degrees?' if fits else ''}"
 
 
 def load_chunks(file: str | os.PathLike[str], robot: Robot, rate: float, *, columns: Names = None) -> list[Chunk]:

@@ -18,8 +18,9 @@ from optik.scene.contact import check_scene
 from optik.types import Array
 from planners.limits import DERIVATIVES, MotionLimits, PathPoints, kind_of, symmetric_bound
 from planners.limits.base import sides
+from planners.paths.goal import unwind
 from planners.retarget.certificate import StreamCertificate, certify_joined, other_limits, trajectory_of
-from planners.retarget.chunk import Chunk, repair
+from planners.retarget.chunk import Chunk, read_targets
 from planners.retarget.cubics import BRIEF_REST, JointCubics
 from planners.retarget.jog import Jog
 from planners.retarget.pace import APART, LEAST_PACE, OTHER_PART, PLACES, joint_rows, smooth_pace, sweep
@@ -27,7 +28,7 @@ from planners.retarget.reference import MOST_SPANS, fit_reference, sample_refere
 from planners.retarget.result import Reference, Retargeted, RetargetStatus, state_of
 from planners.retarget.tracking import SPARE, track
 from planners.retarget.transfer import Transfer, build
-from planners.trajectory import Trajectory, cut_before, make_rest
+from planners.trajectory import Trajectory, cut_before, make_rest, map_joints
 
 SLOWER = (1.0, 0.8, 0.64, 0.64, 0.64)
 """Factors of the pace that are tried where a torque or another limit of the whole arm is exceeded or not proved."""
@@ -46,6 +47,8 @@ ARRIVED = (1e-10, 1e-12, 1e-12)
 """Distances from a goal at rest in position, velocity and acceleration that are rounding [rad, rad/s, rad/s², or m]."""
 LATEST = 0.98
 """Latest entry into a chunk, over its duration."""
+LONGEST_WAIT, MOST_RATE = 10.0, 1e6
+"""Longest wait for a chunk that is observed in the future [s], and the largest rate of targets [1/s]."""
 ENTRIES = np.linspace(0.0, 0.95, 8)
 """Instants of entries into a plan whose durations are computed, over the plan's duration."""
 
@@ -122,7 +125,7 @@ class Retargeter:
         elif hasattr(onto, "trajectory"):
             status, make = RetargetStatus.JOINED, self._enter(X, onto.trajectory)
         else:
-            make = self._go(X, _joints(onto, self.robot.n, "onto"))
+            make = self._go(X, unwind(self.robot, _joints(onto, self.robot.n, "onto"), X[0]))
         made, reason, box = _Attempt(None), self._refuse_state(X), self._first_box(X)
         for k in range(0 if reason else tries):
             made = make(box, k)
@@ -239,6 +242,9 @@ class Retargeter:
         if curve.n != self.robot.n:
             raise InvalidInput("onto", f"a motion of {curve.n} joints", f"{self.robot.n}, of {self.robot.name}")
 
+        turns = unwind(self.robot, curve(0.0), X[0]) - curve(0.0)
+        if turns.any():
+            curve = map_joints(curve, np.eye(curve.n), turns)
         times = curve.end * ENTRIES
         goals = np.stack([curve(times, order) for order in range(3)], axis=1)
 
@@ -261,20 +267,37 @@ class ChunkFollower:
         self._engine, self._X, n = engine, X, engine.robot.n
         if (m := np.shape(chunk.points)[1]) != n:
             raise InvalidInput("onto", f"targets of {m} joints", f"{n}, of {engine.robot.name}")
-        P, rate, self._repaired = repair(chunk, *engine.box[:, 0].T)
+        age, ranges = at - chunk.observed, engine.box[:, 0]
+        P, rate, repaired, clipped, jumps, refused = read_targets(chunk, engine.robot, ranges, X[0], age)
+        self._facts = _Attempt(None, refused, repaired=repaired, clipped=clipped, jumps=jumps)
         spans, end = min(len(P) - 1, MOST_SPANS), (len(P) - 1) / rate
+        if not refused:
+            self._facts = self._facts._replace(reason=self._refuse(age, end, chunk.rate))
+        if self._facts.reason:
+            return
         self._c, self._h = np.empty((spans + 5, n)), end / spans
         self._error = fit_reference(P, engine.tolerance, self._c)
-        s0 = min(max(at - chunk.observed, 0.0), LATEST * end)
+        s0 = min(max(age, 0.0), LATEST * end)
         if engine.align == "nearest" and s0 > 0.0:
             places = np.linspace(0.0, s0, TRIED)
             away = np.abs(self._sample(places, 1)[:, 0] - X[0]).max(axis=1)
             s0 = float(places[np.flatnonzero(away <= away.min() + engine.tolerance)[-1]])  # nearer ones are noise
-        self._skipped = ceil(s0 * chunk.rate - 1e-9)
+        self._facts = self._facts._replace(skipped=ceil(s0 * chunk.rate - 1e-9))
         # A chunk observed in the future begins then, if it is entered by its clock.
-        self._wait = max(chunk.observed - at, 0.0) if engine.align == "clock" else 0.0
+        self._wait = max(-age, 0.0) if engine.align == "clock" else 0.0
         self._s = np.linspace(s0, end, int(min(max(PLACES[0], (end - s0) / APART), PLACES[1])))
         self._R = self._sample(self._s, 4)
+
+    def _refuse(self, age: float, end: float, rate: float) -> str:
+        """Return why a chunk of this age and duration [s] is not followed, or nothing."""
+        engine = self._engine
+        if engine.align == "clock" and not -LONGEST_WAIT <= age <= end:
+            when = f"{age:.6g} s before at, and lasts {end:.3g} s" if age > 0.0 else f"{-age:.6g} s after at"
+            return f"observed is {when}: is it the time of another clock?"
+        reach = MOST_PIECES * engine.longest
+        if end > reach * engine.pace:
+            return f"the chunk lasts {end:.3g} s, and {MOST_PIECES} pieces reach to {reach:.3g} s"
+        return f"{rate:.6g} targets per second, above {MOST_RATE:g}" if rate > MOST_RATE else ""
 
     def _sample(self, s: Array, orders: int) -> Array:
         """Return the reference and its derivatives (k, orders, n)."""
@@ -285,15 +308,18 @@ class ChunkFollower:
     def make(self, box: Array, k: int) -> _Attempt:
         """Return the motion that follows the chunk within limits of single joints, slower with each try."""
         engine = self._engine
+        if self._facts.reason:
+            return self._facts
         when, s = self._find_pace(box, SLOWER[k])
         if when.size > 2 * MOST_PIECES:
             reach = MOST_PIECES * engine.longest
-            return _Attempt(None, f"the chunk takes {when[-1]:.3g} s, and {MOST_PIECES} pieces reach to {reach:.3g} s")
+            words = f"the chunk takes {when[-1]:.3g} s, and {MOST_PIECES} pieces reach to {reach:.3g} s"
+            return self._facts._replace(reason=words)
         j, knots, count, c = track(self._X, box, when, self._sample(s, 1)[:, 0].copy(), engine.longest)
-        more = self._skipped, self._repaired, Reference(self._c, self._h, when, s, self._error)
+        facts = self._facts._replace(reference=Reference(self._c, self._h, when, s, self._error))
         if j >= 0:
-            return _Attempt(None, f"no motion of {engine.robot.joint_names[j]} within its limits was found", *more)
-        return _Attempt(JointCubics(knots, count, c), "", *more)
+            return facts._replace(reason=f"no motion of {engine.robot.joint_names[j]} within its limits was found")
+        return facts._replace(curve=JointCubics(knots, count, c))
 
     def _find_pace(self, box: Array, slower: float) -> tuple[Array, Array]:
         """Return instants [s] and the chunk's time there, at most at a fraction of the wanted pace."""

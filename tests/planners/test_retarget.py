@@ -66,7 +66,8 @@ def draw(arm: str, rng: np.random.Generator) -> tuple[planners.Plan, float, Chun
     points += rng.normal(size=points.shape) * rng.choice([0.0, 1e-3, 3e-3])
     k = int(rng.integers(1, m - 2))
     points[k + 1] = points[k]
-    return plan, at, Chunk(points, rate, at - delay)
+    low, high = plan.robot.limits.lower - 0.09, plan.robot.limits.upper + 0.09  # further ones are refused
+    return plan, at, Chunk(np.clip(points, low, high), rate, at - delay)
 
 
 def samples(motion: planners.Trajectory, rate: float = 20e3) -> list[np.ndarray]:
