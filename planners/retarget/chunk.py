@@ -81,20 +81,20 @@ def read_targets(chunk: Chunk, robot: Robot, ranges: Array, near: Array, age: fl
     that equals the one before in all joints, but not the next one, stands for a missing one. It becomes the mean of its
     neighbours.
     """
-    given, free, slides, rate = np.asarray(chunk.points), find_continuous(robot), robot.prismatic, chunk.rate
-    refused = _refuse(given, robot)
-    P = given if refused else given.copy()
+    P, free, rate = np.array(chunk.points), find_continuous(robot), chunk.rate
+    refused = _refuse(P, robot)
     if free.any() and not refused:
-        P[:, free] = np.unwrap(given[:, free], axis=0)
+        P[:, free] = np.unwrap(P[:, free], axis=0)
         now = P[int(np.clip(age * rate, 0.0, len(P) - 1.0))]
         P += unwind(robot, now, near) - now
-    jumps = int((np.abs(np.diff(P[:, ~free & ~slides], axis=0)) > np.pi).any(axis=1).sum())
-    inside = np.clip(P, *ranges.T)
-    clipped, P = (inside != P).any(axis=1), inside
-    repeats = np.flatnonzero((P[1:-1] == P[:-2]).all(axis=1) & (P[2:] != P[1:-1]).any(axis=1)) + 1
-    for i in repeats:
-        P[i] = 0.5 * (P[i - 1] + P[i + 1])
-    repaired, clipped = np.union1d(repeats, np.flatnonzero(clipped)).size, int(clipped.sum())
+    steps = np.diff(P, axis=0)
+    jumps = int((np.abs(steps) > np.where(free | robot.prismatic, np.inf, np.pi)).any(axis=1).sum())
+    inside = np.minimum(np.maximum(P, ranges[:, 0]), ranges[:, 1])
+    changed, P = (inside != P).any(axis=1), inside
+    clipped, same = int(changed.sum()), (P[1:] == P[:-1]).all(axis=1)
+    for i in np.flatnonzero(same[:-1] & ~same[1:]) + 1:
+        P[i], changed[i] = 0.5 * (P[i - 1] + P[i + 1]), True
+    repaired = int(changed.sum())
     while len(P) < FEWEST:
         P, rate = np.insert(P, range(1, len(P)), 0.5 * (P[1:] + P[:-1]), axis=0), 2.0 * rate
     return Targets(P, rate, repaired, clipped, jumps, refused)
@@ -102,17 +102,22 @@ def read_targets(chunk: Chunk, robot: Robot, ranges: Array, near: Array, age: fl
 
 def _refuse(P: Array, robot: Robot) -> str:
     """Return why targets (m, n) are too far outside the ranges to be meant, or nothing."""
-    limits, slides = robot.limits, robot.prismatic
-    lower, upper = np.maximum(limits.lower, -LARGEST_LIMIT), np.minimum(limits.upper, LARGEST_LIMIT)
-    grace = np.where(slides, *BEYOND)
-    excess = np.maximum(lower - P, P - upper)
-    if not (excess > grace).any():
+    lower, upper = np.maximum(robot.limits.lower, -LARGEST_LIMIT), np.minimum(robot.limits.upper, LARGEST_LIMIT)
+    grace = np.where(robot.prismatic, *BEYOND)
+    least, most = P.min(axis=0), P.max(axis=0)
+    over = np.maximum(lower - least, most - upper) / grace
+    if (over <= 1.0).all():
         return ""
-    k, i = np.unravel_index(int((excess / grace).argmax()), P.shape)
-    angles = np.where(slides, P, np.deg2rad(P))
-    fits = excess[k, i] > LIKE_DEGREES and not (np.maximum(lower - angles, angles - upper) > grace).any()
-    words = f"target {k} of {robot.joint_names[i]} is {P[k, i]:.6g}, {excess[k, i]:.3g} {'m' if slides[i] else 'rad'} beyond"
-    return f"{words} its range [{limits.lower[i]:.6g}, {limits.upper[i]:.6g}]{': are these degrees?' if fits else ''}"
+    i = int(over.argmax())
+    k = int(np.argmax(np.maximum(lower[i] - P[:, i], P[:, i] - upper[i])))
+    name, excess = f"target {k} of {robot.joint_names[i]}", over[i] * grace[i]
+    slides, degrees = robot.prismatic[i], np.where(robot.prismatic, 1.0, np.pi / 180.0)
+    fits = (lower - degrees * least <= grace) & (degrees * most - upper <= grace)
+    return (
+        f"{name} is {P[k, i]:.6g}, {excess:.3g} {'m' if slides else 'rad'} beyond its range "
+        f"[{robot.limits.lower[i]:.6g}, {robot.limits.upper[i]:.6g}]"
+        f"{': are these degrees?' if not slides and excess > LIKE_DEGREES and fits.all() else ''}"
+    )
 
 
 def load_chunks(file: str | os.PathLike[str], robot: Robot, rate: float, *, columns: Names = None) -> list[Chunk]:

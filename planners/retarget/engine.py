@@ -24,7 +24,7 @@ from planners.retarget.chunk import Chunk, read_targets
 from planners.retarget.cubics import BRIEF_REST, JointCubics
 from planners.retarget.jog import Jog
 from planners.retarget.pace import APART, LEAST_PACE, OTHER_PART, PLACES, joint_rows, smooth_pace, sweep
-from planners.retarget.reference import MOST_SPANS, fit_reference, sample_reference
+from planners.retarget.reference import MOST_SPANS, find_scatter, fit_reference, sample_reference
 from planners.retarget.result import Reference, Retargeted, RetargetStatus, state_of
 from planners.retarget.tracking import SPARE, track
 from planners.retarget.transfer import Transfer, build
@@ -39,16 +39,25 @@ TORQUE_PART, SLOWER_RISE = 0.95, 0.8
 is lowered."""
 LEAST_PART, STOP_PART = 0.1, 1.1
 """Least accelerations that remain: over their own limits, and over those that stop a joint at the end of its range."""
+SLOW_END, BRAKE_PART = 0.05, 0.8
+"""Velocity that is allowed within the tolerance of clipped targets, if limits of velocities fall to the end [rad/s, m/s]; and the part of the deceleration with which such a limit is touched: its proof needs room."""
 SHORTEST_WINDOW = 0.02
 """Shortest window over which a pace is averaged [s]."""
 TRIED, MOST_PIECES = 31, 4000
 """Places of a chunk among which the nearest one to the arm is chosen, and the largest number of pieces of a joint."""
 ARRIVED = (1e-10, 1e-12, 1e-12)
 """Distances from a goal at rest in position, velocity and acceleration that are rounding [rad, rad/s, rad/s², or m]."""
+SCATTERS, MOST_TOLERANCE = 4.0, 4.0
+"""Scatters of the targets that a reference may differ from them, but at most this multiple of the tolerance."""
 LATEST = 0.98
 """Latest entry into a chunk, over its duration."""
-LONGEST_WAIT, MOST_RATE = 10.0, 1e6
-"""Longest wait for a chunk that is observed in the future [s], and the largest rate of targets [1/s]."""
+LONGEST_WAIT, MOST_TIME, MOST_RATE = 10.0, 1e4, 1e6
+"""Longest wait for a chunk that is observed in the future, longest chunk [s], and the largest rate of targets [1/s]."""
+WORK, LEAST_SPANS, LOADED, PROOF = 52, 100, 3, 10
+"""Work of one call for each joint and span of the reference, in intervals times iterations; least number of spans that count; factor with
+limits of the whole arm; and work of the proof of an interval with these."""
+PIECES = (50.0, 2.0)
+"""Pieces of a motion, and of a span of its reference, above which they are longer than usual: a slow motion needs no more."""
 ENTRIES = np.linspace(0.0, 0.95, 8)
 """Instants of entries into a plan whose durations are computed, over the plan's duration."""
 
@@ -108,6 +117,11 @@ class Retargeter:
             raise InvalidInput(
                 "limits", "tool speeds for the segments of a path", "one tool speed for the whole motion"
             )
+        self.ranges, self._falling = self.box[:, 0].copy(), None
+        if (falling := self.limits.value("velocity_by_position")) is not None:
+            self._falling = falling.offset, falling.deceleration
+            gap = (falling.offset + SLOW_END) ** 2 / (2.0 * falling.deceleration) + self.tolerance
+            self.ranges += np.where(np.isfinite(falling.deceleration), gap, 0.0)[:, None] * [1.0, -1.0]
         self._usual, self._heavy = Transfer(self.box), robot
         if robot.payload is not None:  # the heaviest of an interval
             self._heavy = replace(robot, payload=replace(robot.payload, mass=robot.payload.masses[-1]))
@@ -216,6 +230,27 @@ class Retargeter:
                 most = min(abs(box[j, 2, side]), max(factor * abs(ddq[j]), least))
                 box[j, 2, side] = np.copysign(most, ddq[j])
 
+    def brake(self, box: Array, X: Array, low: Array, high: Array) -> Array:
+        """Return limits with which joints that stop between positions (n,) respect velocities that fall towards the ends.
+
+        Before a stop at a distance r from the end a deceleration a allows √(2 a x) at a distance x. It stays below the limit
+        −o + √(2 d (r + x)) at each x if a ≤ d − o² / (2 r).
+        """
+        if self._falling is None:
+            return box
+        box, ends, (o, d) = box.copy(), self.robot.limits, self._falling
+        wide = 1e-9 * np.ptp(self.box[:, 2], axis=1)
+        for side, room in enumerate((ends.upper - high, low - ends.lower)):
+            room = np.maximum(room, 1e-9)
+            most = BRAKE_PART * (d - o**2 / (2.0 * room))
+            falls = (np.sqrt(2.0 * d * room) - o < box[:, 1, 1 - side] * (1 - 2 * side)) & (most > 0.0)
+            if side == 0:
+                most = np.minimum(np.maximum(box[:, 2, 0], -most), X[2] - wide)
+            else:
+                most = np.maximum(np.minimum(box[:, 2, 1], most), X[2] + wide)
+            box[falls, 2, side] = most[falls]
+        return box
+
     def _transfer(self, box: Array) -> Transfer:
         """Return the solver of time-optimal motions within limits."""
         return self._usual if box is self.box else Transfer(box)
@@ -233,9 +268,14 @@ class Retargeter:
         goal = np.stack([q, 0.0 * q, 0.0 * q])
         arrived = (np.abs(X - goal).max(axis=1) < ARRIVED).all()
 
-        return lambda box, k: _Attempt(
-            make_rest(X[0], BRIEF_REST) if arrived else self._transfer(box).to_state(X, goal)
-        )
+        low, high = np.where(q < X[0], q, np.inf), np.where(q > X[0], q, -np.inf)
+
+        def make(box: Array, k: int) -> _Attempt:
+            if arrived:
+                return _Attempt(make_rest(X[0], BRIEF_REST))
+            return _Attempt(self._transfer(self.brake(box, X, low, high)).to_state(X, goal))
+
+        return make
 
     def _enter(self, X: Array, curve: Trajectory) -> Make:
         """Return the maker of motions that enter another one where they end soonest, then at the next best instants."""
@@ -267,8 +307,9 @@ class ChunkFollower:
         self._engine, self._X, n = engine, X, engine.robot.n
         if (m := np.shape(chunk.points)[1]) != n:
             raise InvalidInput("onto", f"targets of {m} joints", f"{n}, of {engine.robot.name}")
-        age, ranges = at - chunk.observed, engine.box[:, 0]
-        P, rate, repaired, clipped, jumps, refused = read_targets(chunk, engine.robot, ranges, X[0], age)
+        age = at - chunk.observed
+        P, rate, repaired, clipped, jumps, refused = read_targets(chunk, engine.robot, engine.ranges, X[0], age)
+        self._extent = P.min(axis=0), P.max(axis=0)
         self._facts = _Attempt(None, refused, repaired=repaired, clipped=clipped, jumps=jumps)
         spans, end = min(len(P) - 1, MOST_SPANS), (len(P) - 1) / rate
         if not refused:
@@ -276,7 +317,10 @@ class ChunkFollower:
         if self._facts.reason:
             return
         self._c, self._h = np.empty((spans + 5, n)), end / spans
-        self._error = fit_reference(P, engine.tolerance, self._c)
+        scatter = find_scatter(P)
+        self._facts = self._facts._replace(scatter=scatter)
+        tolerance = max(engine.tolerance, min(SCATTERS * scatter, MOST_TOLERANCE * engine.tolerance))
+        self._error = fit_reference(P, tolerance, self._c)
         s0 = min(max(age, 0.0), LATEST * end)
         if engine.align == "nearest" and s0 > 0.0:
             places = np.linspace(0.0, s0, TRIED)
@@ -285,6 +329,7 @@ class ChunkFollower:
         self._facts = self._facts._replace(skipped=ceil(s0 * chunk.rate - 1e-9))
         # A chunk observed in the future begins then, if it is entered by its clock.
         self._wait = max(-age, 0.0) if engine.align == "clock" else 0.0
+        self._budget = WORK * n * max(spans, LEAST_SPANS) * (LOADED if engine.others else 1)
         self._s = np.linspace(s0, end, int(min(max(PLACES[0], (end - s0) / APART), PLACES[1])))
         self._R = self._sample(self._s, 4)
 
@@ -294,9 +339,8 @@ class ChunkFollower:
         if engine.align == "clock" and not -LONGEST_WAIT <= age <= end:
             when = f"{age:.6g} s before at, and lasts {end:.3g} s" if age > 0.0 else f"{-age:.6g} s after at"
             return f"observed is {when}: is it the time of another clock?"
-        reach = MOST_PIECES * engine.longest
-        if end > reach * engine.pace:
-            return f"the chunk lasts {end:.3g} s, and {MOST_PIECES} pieces reach to {reach:.3g} s"
+        if end > MOST_TIME:
+            return f"the chunk lasts {end:.3g} s, above {MOST_TIME:g} s"
         return f"{rate:.6g} targets per second, above {MOST_RATE:g}" if rate > MOST_RATE else ""
 
     def _sample(self, s: Array, orders: int) -> Array:
@@ -310,19 +354,23 @@ class ChunkFollower:
         engine = self._engine
         if self._facts.reason:
             return self._facts
-        when, s = self._find_pace(box, SLOWER[k])
-        if when.size > 2 * MOST_PIECES:
-            reach = MOST_PIECES * engine.longest
-            words = f"the chunk takes {when[-1]:.3g} s, and {MOST_PIECES} pieces reach to {reach:.3g} s"
-            return self._facts._replace(reason=words)
-        j, knots, count, c = track(self._X, box, when, self._sample(s, 1)[:, 0].copy(), engine.longest)
-        facts = self._facts._replace(reference=Reference(self._c, self._h, when, s, self._error))
+        box = engine.brake(box, self._X, *self._extent) if k else box
+        when, s, longest = self._find_pace(box, SLOWER[k])
+        facts, j, used = self._facts._replace(reference=Reference(self._c, self._h, when, s, self._error)), -2, 0
+        if when.size <= 2 * MOST_PIECES:
+            targets = self._sample(s, 1)[:, 0].copy()
+            j, used, knots, count, c = track(self._X, box, when, targets, longest, self._budget)
+        self._budget -= used
+        if j == -2:
+            return facts._replace(reason=f"not found within the budget of work: the chunk takes {when[-1]:.3g} s")
         if j >= 0:
             return facts._replace(reason=f"no motion of {engine.robot.joint_names[j]} within its limits was found")
+        if engine.others:
+            self._budget -= PROOF * knots.size
         return facts._replace(curve=JointCubics(knots, count, c))
 
-    def _find_pace(self, box: Array, slower: float) -> tuple[Array, Array]:
-        """Return instants [s] and the chunk's time there, at most at a fraction of the wanted pace."""
+    def _find_pace(self, box: Array, slower: float) -> tuple[Array, Array, float]:
+        """Return instants [s], the chunk's time there at most at a fraction of the wanted pace, and the longest piece [s]."""
         engine, s, X = self._engine, self._s, self._X
         pace = engine.pace * slower
         rows, cap, x, t = np.empty((s.size, X.shape[1], 4)), np.empty(s.size), np.empty(s.size), np.empty(s.size)
@@ -335,11 +383,12 @@ class ChunkFollower:
         sweep(s, rows, cap, first * first, min(LEAST_PACE, pace) ** 2, x, t)
         ramp = np.minimum(box[:, 2, 1], -box[:, 2, 0]) / np.minimum(box[:, 3, 1], -box[:, 3, 0])
         width = max(float(ramp.max()), SHORTEST_WINDOW)
-        step = 0.5 * engine.longest
-        when = np.arange(0.0, min(t[-1] + 0.5 * width, MOST_PIECES * engine.longest) + 2.0 * step, step)
+        longest = max(engine.longest, t[-1] / (PIECES[0] + PIECES[1] * (s[-1] - s[0]) / self._h))
+        step = 0.5 * longest
+        when = np.arange(0.0, min(t[-1] + 0.5 * width, MOST_PIECES * longest) + 2.0 * step, step)
         out = np.empty_like(when)
         smooth_pace(s, t, float(np.sqrt(x[0])), width, when, out)
-        return when + self._wait, out
+        return when + self._wait, out, longest
 
     def _add_rows(self, rows: Array, cap: Array, part: float) -> Array:
         """Return the rows with those of limits of the whole arm, and lower the largest ṡ² by those of first order."""

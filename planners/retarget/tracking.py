@@ -7,7 +7,7 @@ import numpy as np
 from optik.compiled import inlined, parallel
 from optik.types import Array, Indices
 from planners.retarget.cubics import SAME_TIME, integrate
-from planners.retarget.interior import ROWS, add_weighted, make_factors, make_stencils, minimise
+from planners.retarget.interior import MOST_STEPS, ROWS, add_weighted, make_factors, make_stencils, minimise
 
 TIGHT = 0.03
 """Fraction of the range of velocities: if the velocity after the acceleration is ended comes nearer to its limit than this, the
@@ -23,6 +23,8 @@ SPARE, INSIDE = 1e-7, 2e-7
 rounding."""
 ROOM = 1.1
 """Time after the last target in which the arm comes to rest, over the time of a stop from the largest velocity."""
+SET_UP = 10
+"""Work of an interval of a spline before the first iteration, over that of an iteration."""
 LEAST_INTERVALS, SHORTER_INTERVALS = 6, 60
 """Least number of intervals of a spline, and room for the intervals before the longest ones."""
 FIRST_INTERVAL, GROWTH = (2e-3, 0.02), (1.6, 1.2)
@@ -102,8 +104,13 @@ def make_objective(T: Array, when: Array, weight: Array, A: Array, H: Array, B: 
 
 
 @parallel
-def track(state: Array, limits: Array, when: Array, target: Array, longest: float) -> tuple[int, Array, Indices, Array]:
-    """Return the joint motions nearest to targets, from a state to rest, after the first joint without one, or −1.
+def track(
+    state: Array, limits: Array, when: Array, target: Array, longest: float, budget: int
+) -> tuple[int, int, Array, Indices, Array]:
+    """Return the joint motions nearest to targets, from a state to rest, after the first joint without one, or −1, and the work.
+
+    A joint without a motion from the state is stopped first. The work is counted in intervals times iterations. Above the budget
+    the joint is −2.
 
     Shapes and units: state (3, n) [rad/s^i, m/s^i], limits (n, 4, 2) of position to jerk, lower and upper, when (k,) [s],
     target (k, n) [rad, m], longest [s]. Returns knots (n, K) [s], their numbers (n,), cubics (n, 4, K), highest power first.
@@ -121,7 +128,9 @@ def track(state: Array, limits: Array, when: Array, target: Array, longest: floa
         end = max(end, max(when[last], reach) + ROOM * (v / a + own))
     first, growth = min(0.3 * ramp, FIRST_INTERVAL[1], longest), GROWTH[0] if ramp < FIRST_INTERVAL[1] else GROWTH[1]
     first = max(first, min(FIRST_INTERVAL[0], longest))
-    most = int(end / longest) + SHORTER_INTERVALS
+    most, used = int(min(end / longest, float(budget))) + SHORTER_INTERVALS, 0
+    if n * most * SET_UP > budget:
+        return -2, used, np.empty((n, 0)), np.empty(n, dtype=np.int64), np.empty((n, 4, 0))
     knots, count, c = np.empty((n, most)), np.empty(n, dtype=np.int64), np.empty((n, 4, most))
     control, x0, box = np.empty(most), np.empty(3), np.empty((4, 2))
     t, w = np.empty(when.size + most), np.empty(when.size + most)
@@ -154,15 +163,17 @@ def track(state: Array, limits: Array, when: Array, target: Array, longest: floa
                         g[at[i] + a] -= w[i] * B[i, a] * target[min(i, last), j]
             box[:] = limits[j]
             box[0, 0], box[0, 1] = min(box[0, 0] + INSIDE, x0[0]), max(box[0, 1] - INSIDE, x0[0])
-            steps = minimise((f, A), H, g, box, control[:size], W)
-            if steps >= 0:
+            allowed = min(MOST_STEPS, (budget - used) // N)
+            steps = minimise((f, A), H, g, box, control[:size], W, allowed)
+            used += N * (SET_UP + (steps if steps >= 0 else allowed))
+            if steps >= 0 or allowed < MOST_STEPS:
                 break
         if steps < 0:
-            return j, knots, count, c
+            return j if allowed == MOST_STEPS else -2, used, knots, count, c
         for i in range(N):
             jerk[i] = W[ROWS, 3, i]
         integrate(T, jerk[:N], x0, rest, c[j, :, lead:])
-    return -1, knots, count, c
+    return -1, used, knots, count, c
 
 
 @inlined

@@ -19,7 +19,7 @@ from planners.limits.base import sides
 from planners.retarget.certificate import certify_joined
 from planners.retarget.chunk import load_chunks
 from planners.retarget.cubics import JointCubics, integrate
-from planners.retarget.interior import make_factors, make_rows, make_stencils, minimise
+from planners.retarget.interior import MOST_STEPS, make_factors, make_rows, make_stencils, minimise
 from planners.retarget.pace import joint_rows, sweep
 from planners.retarget.reference import evaluate_reference, fit_reference, sample_reference
 from planners.retarget.tracking import make_objective
@@ -400,7 +400,7 @@ def test_the_iteration_solves_the_quadratic_programme_of_scipy():
         f, A, H, g = random_programme(rng)
         size = g.size
         c = np.zeros(size)
-        steps = minimise((f, A), H, g, limits, c, np.empty((17, 4, size)))
+        steps = minimise((f, A), H, g, limits, c, np.empty((17, 4, size)), MOST_STEPS)
         bounded += steps > 0
         bands = [H[0], *(H[d, d:] for d in (1, 2, 3) for _ in range(2))]
         full = scipy.sparse.diags(bands, [0, -1, 1, -2, 2, -3, 3]).toarray()
