@@ -82,8 +82,9 @@ def read_targets(chunk: Chunk, robot: Robot, ranges: Array, near: Array, age: fl
     neighbours.
     """
     P, free, rate = np.array(chunk.points), find_continuous(robot), chunk.rate
-    refused = _refuse(P, robot)
-    if free.any() and not refused:
+    if refused := _refuse(P, robot):
+        return Targets(P, rate, 0, 0, 0, refused)
+    if free.any():
         P[:, free] = np.unwrap(P[:, free], axis=0)
         now = P[int(np.clip(age * rate, 0.0, len(P) - 1.0))]
         P += unwind(robot, now, near) - now
@@ -97,7 +98,7 @@ def read_targets(chunk: Chunk, robot: Robot, ranges: Array, near: Array, age: fl
     repaired = int(changed.sum())
     while len(P) < FEWEST:
         P, rate = np.insert(P, range(1, len(P)), 0.5 * (P[1:] + P[:-1]), axis=0), 2.0 * rate
-    return Targets(P, rate, repaired, clipped, jumps, refused)
+    return Targets(P, rate, repaired, clipped, jumps, "")
 
 
 def _refuse(P: Array, robot: Robot) -> str:
@@ -105,19 +106,17 @@ def _refuse(P: Array, robot: Robot) -> str:
     lower, upper = np.maximum(robot.limits.lower, -LARGEST_LIMIT), np.minimum(robot.limits.upper, LARGEST_LIMIT)
     grace = np.where(robot.prismatic, *BEYOND)
     least, most = P.min(axis=0), P.max(axis=0)
-    over = np.maximum(lower - least, most - upper) / grace
-    if (over <= 1.0).all():
+    excess = np.maximum(lower - least, most - upper)
+    if (excess <= grace).all():
         return ""
-    i = int(over.argmax())
+    i = int((np.minimum(excess, LARGEST_LIMIT) / grace).argmax())
     k = int(np.argmax(np.maximum(lower[i] - P[:, i], P[:, i] - upper[i])))
-    name, excess = f"target {k} of {robot.joint_names[i]}", over[i] * grace[i]
-    slides, degrees = robot.prismatic[i], np.where(robot.prismatic, 1.0, np.pi / 180.0)
+    degrees = np.where(robot.prismatic, 1.0, np.pi / 180.0)
     fits = (lower - degrees * least <= grace) & (degrees * most - upper <= grace)
-    return (
-        f"{name} is {P[k, i]:.6g}, {excess:.3g} {'m' if slides else 'rad'} beyond its range "
-        f"[{robot.limits.lower[i]:.6g}, {robot.limits.upper[i]:.6g}]"
-        f"{': are these degrees?' if not slides and excess > LIKE_DEGREES and fits.all() else ''}"
-    )
+    advice = ": are these degrees?" if fits.all() and not robot.prismatic[i] and excess[i] > LIKE_DEGREES else ""
+    far = f"{P[k, i]:.6g}, {excess[i]:.3g} {'m' if robot.prismatic[i] else 'rad'}"
+    reach = f"[{robot.limits.lower[i]:.6g}, {robot.limits.upper[i]:.6g}]"
+    return f"target {k} of {robot.joint_names[i]} is {far} beyond its range {reach}{advice}"
 
 
 def load_chunks(file: str | os.PathLike[str], robot: Robot, rate: float, *, columns: Names = None) -> list[Chunk]:
