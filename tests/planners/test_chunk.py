@@ -147,9 +147,9 @@ def test_a_target_that_is_no_number_is_named_with_its_row() -> None:
 
 def test_a_call_ends_above_its_budget_of_work(monkeypatch: pytest.MonkeyPatch) -> None:
     robot, motion = optik.load("ur5e"), resting(optik.load("ur5e"), REST)
-    chunk = Chunk(np.where(np.arange(100)[:, None] % 2, -3.0, 3.0) * np.ones(6), 20.0)
+    chunk = Chunk(np.where(np.arange(20)[:, None] % 2, -3.0, 3.0) * np.ones(6), 20.0)
     assert retarget(motion, 0.0, chunk)
-    monkeypatch.setattr(engine, "WORK", 10)
+    monkeypatch.setattr(engine, "WORK", 5)
     found = [retarget(resting(robot, REST), 0.0, chunk).reason for _ in range(2)]
     assert found[0].startswith("not found within the budget of work: the chunk takes") and found[0] == found[1]
     state, limits = np.zeros((3, 2)), np.array([[[-3.0, 3.0], [-1.0, 1.0], [-5.0, 5.0], [-50.0, 50.0]]] * 2)
