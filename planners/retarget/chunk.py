@@ -13,6 +13,7 @@ from optik.arm.limits import LARGEST_LIMIT
 from optik.arm.robot import Robot
 from optik.check import check_number, real_array
 from optik.errors import InvalidInput
+from optik.se3 import check_pose
 from optik.tables import Names, read_table
 from optik.types import Array
 from planners.paths.goal import find_continuous, unwind
@@ -27,12 +28,13 @@ LIKE_DEGREES = 1.0
 
 @dataclass(frozen=True, eq=False)
 class Chunk:
-    """Joint targets at a fixed rate, the first at the time of the observation.
+    """Joint targets or tool poses at a fixed rate, the first at the time of the observation.
 
     Parameters
     ----------
-    points : (m, n) array
-        Targets [rad, m], at least two.
+    points : (m, n) or (m, 4, 4) array
+        Targets, at least two: joints [rad, m], or poses of the tool in the base frame [1, m], which `retarget` follows on the
+        branch of the running motion.
     rate : float
         Targets per second [1/s].
     observed : float
@@ -49,11 +51,14 @@ class Chunk:
     observed: float = 0.0
 
     def __post_init__(self) -> None:
-        expected = f"an (m, n) array of 2 to {MOST} finite joint targets"
+        expected = f"an (m, n) array of 2 to {MOST} finite joint targets, or (m, 4, 4) of poses"
         points = real_array(self.points, "points", expected).copy()
-        if points.ndim != 2 or not 2 <= len(points) <= MOST:
+        poses = points.shape[1:] == (4, 4)
+        if not (poses or points.ndim == 2) or not 2 <= len(points) <= MOST:
             raise InvalidInput("points", f"an array of shape {points.shape}", expected)
-        if not (finite := np.isfinite(points).all(axis=1)).all():
+        for k, pose in enumerate(points if poses else ()):
+            check_pose(pose, f"points[{k}]")
+        if not poses and not (finite := np.isfinite(points).all(axis=1)).all():
             raise InvalidInput("points", f"{points[k := int(finite.argmin())]} in row {k}"[:80], expected)
         object.__setattr__(self, "points", points)
         object.__setattr__(self, "rate", check_number(self.rate, "rate", "targets per second, above 0", above=0.0))

@@ -24,6 +24,7 @@ from planners.retarget.chunk import Chunk, read_targets
 from planners.retarget.cubics import BRIEF_REST, JointCubics
 from planners.retarget.jog import Jog
 from planners.retarget.pace import APART, LEAST_PACE, OTHER_PART, PLACES, joint_rows, smooth_pace, sweep
+from planners.retarget.poses import resolve_poses
 from planners.retarget.reference import MOST_SPANS, find_scatter, fit_reference, sample_reference
 from planners.retarget.result import Reference, Retargeted, RetargetStatus, state_of
 from planners.retarget.tracking import SPARE, track
@@ -129,10 +130,13 @@ class Retargeter:
     def run(self, running: Trajectory, at: float, onto: Any) -> Retargeted:
         """Return the motion onto a target, from the running motion's state at a time [s]."""
         X = np.array(state_of(running, at))
-        status, tries = RetargetStatus.GOAL, len(SLOWER)
+        status, tries, cut = RetargetStatus.GOAL, len(SLOWER), ""
         if isinstance(onto, Chunk):
             status, tries = RetargetStatus.JOINED, tries if self.others else 1
-            make: Make = ChunkFollower(self, X, onto, at).make
+            chunk, cut = resolve_poses(self.robot, onto, X, at)
+            make: Make = lambda box, k: _Attempt(None, cut)  # noqa: E731
+            if chunk is not None:
+                make = ChunkFollower(self, X, chunk, at).make
         elif isinstance(onto, Jog):
             velocity = _joints(onto.velocity, self.robot.n, "velocity")
             make = lambda box, k: _Attempt(self._transfer(box).jog(X, velocity, onto.hold))  # noqa: E731
@@ -148,12 +152,12 @@ class Retargeter:
                 break
             proof = certify_joined(self.robot, made.curve, self.limits, X, self.scene)
             if proof.is_valid:
-                return Retargeted(status, "", self.robot, self.limits, at, made.curve, proof, *made[2:])
+                return Retargeted(status, "", self.robot, self.limits, at, made.curve, proof, *made[2:], cut)
             reason, box = reason or proof.reasons[0], self._tighten(box, proof, X, trajectory_of(made.curve))
         rest = at >= running.end - BRIEF_REST
         kept = make_rest(X[0], 3.0 * BRIEF_REST) if rest else cut_before(running, at)
         proof = certify_joined(self.robot, kept, self.limits, X, None)
-        return Retargeted(RetargetStatus.KEPT, reason, self.robot, self.limits, at, kept, proof, *made[2:])
+        return Retargeted(RetargetStatus.KEPT, reason, self.robot, self.limits, at, kept, proof, *made[2:], cut)
 
     def _refuse_state(self, X: Array) -> str:
         """Return why no motion from a state (3, n) is within the limits, or nothing."""
@@ -424,5 +428,5 @@ def _joints(value: Any, n: int, argument: str) -> Array:
     expected = f"a Chunk, a plan, or {n} finite joint values" if argument == "onto" else f"{n} finite numbers"
     q = real_array(value, argument, expected)
     if q.shape != (n,) or not np.isfinite(q).all():
-        raise InvalidInput(argument, repr(value)[:60], expected)
+        raise InvalidInput(argument, "NaN or infinity" if q.shape == (n,) else f"shape {q.shape}", expected)
     return q

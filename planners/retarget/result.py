@@ -95,6 +95,8 @@ class Retargeted:
         Targets of the chunk that were clipped to the ranges; those at which a joint with limits jumps by more than π.
     scatter : float
         Standard deviation of the chunk's targets about a smooth curve, of the joint with the largest one [rad, m].
+    cut : str
+        Why a chunk of poses ends before its last one; empty if it does not.
     """
 
     status: RetargetStatus
@@ -110,6 +112,7 @@ class Retargeted:
     clipped: int = 0
     jumps: int = 0
     scatter: float = 0.0
+    cut: str = ""
 
     def __bool__(self) -> bool:
         return self.status is not RetargetStatus.KEPT
@@ -126,7 +129,7 @@ class Retargeted:
             when = "never" if after is None else f"after {after:.3g} s"
             lines.append(f"within {1e3 * JOINED_WITHIN:g} mrad of the paced chunk {when}, pace {self.pace:.3g}")
             lines.append(f"{self.skipped} targets skipped, {self.repaired} repaired")
-        return "\n".join([*lines, str(self.certificate)])
+        return "\n".join([*lines, *([self.cut] if self and self.cut else []), str(self.certificate)])
 
     def state(self, t: float) -> State:
         """Return position, velocity and acceleration.
