@@ -163,7 +163,7 @@ def track(
                         g[at[i] + a] -= w[i] * B[i, a] * target[min(i, last), j]
             box[:] = limits[j]
             box[0, 0], box[0, 1] = min(box[0, 0] + INSIDE, x0[0]), max(box[0, 1] - INSIDE, x0[0])
-            allowed = min(MOST_STEPS, (budget - used) // N)
+            allowed = min(MOST_STEPS, max((budget - used) // N - SET_UP, 0))
             steps = minimise((f, A), H, g, box, control[:size], W, allowed)
             used += N * (SET_UP + (steps if steps >= 0 else allowed))
             if steps >= 0 or allowed < MOST_STEPS:
