@@ -54,10 +54,10 @@ LATEST = 0.98
 """Latest entry into a chunk, over its duration."""
 LONGEST_WAIT, MOST_TIME, MOST_RATE = 10.0, 1e4, 1e6
 """Longest wait for a chunk that is observed in the future, longest chunk [s], and the largest rate of targets [1/s]."""
-WORK, LEAST_SPANS, LOADED, PROOF = 52, 100, 3, 10
-"""Work of one call for each joint and span of the reference, in intervals times iterations; least number of spans that count; factor with
-limits of the whole arm; and work of the proof of an interval with these."""
-PIECES = (50.0, 2.0)
+WORK, LEAST_SPANS, LOADED, PROOF = 44, 100, 260, 10
+"""Work of one call for each joint and span of the reference, in intervals times iterations; least number of spans that count;
+the number that counts with limits of the whole arm; and the work of the proof of an interval with these."""
+PIECES = (50.0, 1.5)
 """Pieces of a motion, and of a span of its reference, above which they are longer than usual: a slow motion needs no more."""
 ENTRIES = np.linspace(0.0, 0.95, 8)
 """Instants of entries into a plan whose durations are computed, over the plan's duration."""
@@ -333,7 +333,7 @@ class ChunkFollower:
         self._facts = self._facts._replace(skipped=ceil(s0 * chunk.rate - 1e-9))
         # A chunk observed in the future begins then, if it is entered by its clock.
         self._wait = max(-age, 0.0) if engine.align == "clock" else 0.0
-        self._budget = WORK * n * max(spans, LEAST_SPANS) * (LOADED if engine.others else 1)
+        self._budget = WORK * n * (LOADED if engine.others else max(spans, LEAST_SPANS))
         self._s = np.linspace(s0, end, int(min(max(PLACES[0], (end - s0) / APART), PLACES[1])))
         self._R = self._sample(self._s, 4)
 
@@ -366,7 +366,9 @@ class ChunkFollower:
             j, used, knots, count, c = track(self._X, box, when, targets, longest, self._budget)
         self._budget -= used
         if j == -2:
-            return facts._replace(reason=f"not found within the budget of work: the chunk takes {when[-1]:.3g} s")
+            return facts._replace(
+                reason=f"not found within the budget of work: the chunk takes {when[-1]:.3g} s, a part of it less"
+            )
         if j >= 0:
             return facts._replace(reason=f"no motion of {engine.robot.joint_names[j]} within its limits was found")
         if engine.others:

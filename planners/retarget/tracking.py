@@ -107,10 +107,10 @@ def make_objective(T: Array, when: Array, weight: Array, A: Array, H: Array, B: 
 def track(
     state: Array, limits: Array, when: Array, target: Array, longest: float, budget: int
 ) -> tuple[int, int, Array, Indices, Array]:
-    """Return the joint motions nearest to targets, from a state to rest, after the first joint without one, or −1, and the work.
+    """Return the joint motions nearest to targets, from a state to rest, after the first joint without one, or −1, and work.
 
-    A joint without a motion from the state is stopped first. The work is counted in intervals times iterations. Above the budget
-    the joint is −2.
+    A joint without a motion from the state is stopped first. The work is counted in intervals times iterations. Above the
+    budget the joint is −2.
 
     Shapes and units: state (3, n) [rad/s^i, m/s^i], limits (n, 4, 2) of position to jerk, lower and upper, when (k,) [s],
     target (k, n) [rad, m], longest [s]. Returns knots (n, K) [s], their numbers (n,), cubics (n, 4, K), highest power first.
@@ -163,7 +163,9 @@ def track(
                         g[at[i] + a] -= w[i] * B[i, a] * target[min(i, last), j]
             box[:] = limits[j]
             box[0, 0], box[0, 1] = min(box[0, 0] + INSIDE, x0[0]), max(box[0, 1] - INSIDE, x0[0])
-            allowed = min(MOST_STEPS, (budget - used) // N)
+            allowed = min(MOST_STEPS, max((budget - used) // N - SET_UP, 0))
+            if used + (n - j) * N * SET_UP > budget:
+                return -2, used, knots, count, c
             steps = minimise((f, A), H, g, box, control[:size], W, allowed)
             used += N * (SET_UP + (steps if steps >= 0 else allowed))
             if steps >= 0 or allowed < MOST_STEPS:

@@ -1,4 +1,4 @@
-"""Chunks that lead back from an end of a range, shortest stops, chunks just after a start, and what is proved of entered plans."""
+"""Chunks that lead back from an end of a range, shortest stops, chunks just after a start, and proofs of entered plans."""
 
 from __future__ import annotations
 
@@ -171,8 +171,8 @@ def test_a_step_of_an_entered_plan_is_found_at_its_begin_at_the_entry_and_inside
     at = int(np.searchsorted(motion.knots, entry))
     for k in (0, 1, at, at + 1, len(motion.knots) - 3, len(motion.knots) - 2):
         for joint in (0, 5):
-            c = motion.coefficients.copy()
-            c[len(c) - 1 - order, k, joint] += (1.0, 1.0, 0.5)[order] * 1e-5
+            c, last = motion.coefficients.copy(), None if joint else k + 1  # from there on, or of one piece
+            c[len(c) - 1 - order, k:last, joint] += (1.0, 1.0, 0.5)[order] * 1e-5
             broken = Trajectory(scipy.interpolate.PPoly(c, motion.knots))
             proof = certify_joined(found.robot, broken, LIMITS, state, None)
             assert not proof.is_valid and proof.discontinuity[order] >= 0.99e-5
