@@ -43,8 +43,7 @@ def retarget(
     pace : float
         Largest rate of the chunk, over its own; above 1 to be faster than the chunk says [1].
     align : {"nearest", "clock"}
-        Enter the chunk at the place nearest to the arm, to within the tolerance, but not later than by its clock; or by its
-        clock.
+        Enter the chunk where it is nearest to the arm within the tolerance, not later than by its clock; or by its clock.
     longest : float
         Longest duration of a piece of the motion [s]; shorter pieces follow more closely and take more computing time.
     scene : Scene, optional
@@ -55,14 +54,12 @@ def retarget(
     Returns
     -------
     Retargeted
-        The motion with its certificate. JOINED for a chunk or a motion, GOAL for joints, KEPT with the reason if the running
-        motion goes on.
+        The motion and its certificate. JOINED for a chunk or a motion, GOAL for joints, KEPT if the running motion goes on.
 
     Raises
     ------
     InvalidInput
-        An argument of another type or out of range, a missing limit, a target of another number of joints, or a state that
-        cannot be stopped within the limits.
+        An argument of another type, size or range, a missing limit, or a state that is not stopped within the limits.
     """
     at = check_number(at, "at", "a time of the running motion [s], at least 0", least=0.0)
     options: dict[str, Any] = {"tolerance": tolerance, "pace": pace, "align": align, "longest": longest}
