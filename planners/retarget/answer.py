@@ -5,19 +5,22 @@ from __future__ import annotations
 from collections import deque
 from typing import Any
 
-from optik.check import check_number
+from optik.arm.robot import Robot
+from optik.check import check_number, format_value
+from optik.errors import InvalidInput
 from optik.scene import Scene
 from planners.limits import MotionLimits
 from planners.motion.motion import Motion, get_motion
 from planners.planning.result import Plan
 from planners.retarget.engine import Retargeter
 from planners.retarget.result import Retargeted
+from planners.retarget.start import begin
 
 
 def retarget(
-    motion: Motion | Plan | Retargeted, at: float, onto: Any, *, limits: MotionLimits | None = None,
-    tolerance: float = 0.005, pace: float = 1.0, align: str = "nearest", longest: float = 0.04,
-    scene: Scene | None = None,
+    motion: Any, at: float, onto: Any, *, limits: MotionLimits | None = None, tolerance: float = 0.005,
+    pace: float = 1.0, align: str = "nearest", longest: float = 0.04, scene: Scene | None = None,
+    robot: Robot | None = None,
 ) -> Retargeted:  # fmt: skip
     """Return a motion from the moving state of the running motion onto another target.
 
@@ -27,48 +30,53 @@ def retarget(
 
     Parameters
     ----------
-    motion : Plan, Motion or Retargeted
-        The running motion.
+    motion : Plan, Motion or Retargeted; with `robot` also Trajectory or (3, n) array
+        The running motion; or the arm's measured state q, q̇, q̈ at ``at=0``, from which the running motion is the stop.
     at : float
         Its time at which the new motion begins [s].
     onto : Chunk, (n,) array, or Plan, Motion or Retargeted
         Targets at a fixed rate; joints to stop at [rad, m]; or another motion, which is entered where it ends soonest.
     limits : MotionLimits, optional
-        By default those of the running motion. Velocity, acceleration and jerk of all joints must be limited.
+        By default those of the running motion, or of `robot`. Velocity, acceleration and jerk of all joints must be limited.
     tolerance : float
         Largest distance between a target and the smoothed chunk [rad, m].
     pace : float
         Largest rate of the chunk, over its own; above 1 to be faster than the chunk says [1].
     align : {"nearest", "clock"}
-        Enter the chunk at the place nearest to the arm, to within the tolerance, but not later than by its clock; or by its
-        clock.
+        Enter the chunk where it is nearest to the arm within the tolerance, not later than by its clock; or by its clock.
     longest : float
         Longest duration of a piece of the motion [s]; shorter pieces follow more closely and take more computing time.
     scene : Scene, optional
         Obstacles, which the motion is proved to avoid.
+    robot : Robot, optional
+        The arm of a trajectory or a state.
 
     Returns
     -------
     Retargeted
-        The motion with its certificate. JOINED for a chunk or a motion, GOAL for joints, KEPT with the reason if the running
-        motion goes on.
+        The motion and its certificate. JOINED for a chunk or a motion, GOAL for joints, KEPT if the running motion goes on.
 
     Raises
     ------
     InvalidInput
-        An argument of another type or out of range, a missing limit, or a target of another number of joints.
+        An argument of another type, size or range, a missing limit, or a state that is not stopped within the limits.
     """
     at = check_number(at, "at", "a time of the running motion [s], at least 0", least=0.0)
-    if not isinstance(motion, Retargeted | Plan):
-        motion = get_motion(motion)
     options: dict[str, Any] = {"tolerance": tolerance, "pace": pace, "align": align, "longest": longest}
-    limits = motion.limits if limits is None else limits
+    if robot is None:
+        if not isinstance(motion, Retargeted | Plan | Motion) and not hasattr(motion, "motion"):
+            expected = "a Plan, Motion or Retargeted; or with robot= also a Trajectory or a state (q, q̇, q̈)"
+            raise InvalidInput("motion", format_value(motion, 60), expected)
+        motion = motion if isinstance(motion, Retargeted | Plan) else get_motion(motion)
+        robot, limits = motion.robot, motion.limits if limits is None else limits
     for known in _engines:
-        same = known.robot is motion.robot and known.limits is limits and known.scene is scene
+        same = known.robot is robot and known.limits is limits and known.scene is scene
         if same and all(isinstance(x, float | str) and x == getattr(known, name) for name, x in options.items()):
-            return known.run(motion.trajectory, at, onto)
-    _engines.appendleft(Retargeter(motion.robot, limits, scene=scene, **options))
-    return _engines[0].run(motion.trajectory, at, onto)
+            break
+    else:
+        known = Retargeter(robot, limits, scene=scene, **options)
+        _engines.appendleft(known)
+    return known.run(begin(known, motion, "motion"), at, onto)
 
 
 _engines = deque[Retargeter](maxlen=4)

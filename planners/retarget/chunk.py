@@ -4,28 +4,37 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from optik.arm.limits import LARGEST_LIMIT
 from optik.arm.robot import Robot
 from optik.check import check_number, real_array
 from optik.errors import InvalidInput
+from optik.se3 import check_pose
 from optik.tables import Names, read_table
 from optik.types import Array
+from planners.paths.goal import find_continuous, unwind
 
 FEWEST, MOST = 4, 1000
 """Points of a reference: a chunk with fewer is divided; and the largest number of a chunk."""
+BEYOND = (0.005, 0.1)
+"""Distances beyond the ranges up to which targets are clipped to them: sliding joints [m], turning ones [rad]."""
+LIKE_DEGREES = 1.0
+"""Distance beyond a range from which degrees are suspected [rad]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Chunk:
-    """Joint targets at a fixed rate, the first at the time of the observation.
+    """Joint targets or tool poses at a fixed rate, the first at the time of the observation.
 
     Parameters
     ----------
-    points : (m, n) array
-        Targets [rad, m], at least two.
+    points : (m, n) or (m, 4, 4) array
+        Targets, at least two: joints [rad, m], or poses of the tool in the base frame [1, m], which `retarget` follows on the
+        branch of the running motion.
     rate : float
         Targets per second [1/s].
     observed : float
@@ -42,29 +51,77 @@ class Chunk:
     observed: float = 0.0
 
     def __post_init__(self) -> None:
-        expected = f"an (m, n) array of 2 to {MOST} finite joint targets"
+        expected = f"an (m, n) array of 2 to {MOST} finite joint targets, or (m, 4, 4) of poses"
         points = real_array(self.points, "points", expected).copy()
-        if points.ndim != 2 or not 2 <= len(points) <= MOST or not np.isfinite(points).all():
+        poses = points.shape[1:] == (4, 4)
+        if not (poses or points.ndim == 2) or not 2 <= len(points) <= MOST:
             raise InvalidInput("points", f"an array of shape {points.shape}", expected)
+        for k, pose in enumerate(points if poses else ()):
+            check_pose(pose, f"points[{k}]")
+        if not poses and not (finite := np.isfinite(points).all(axis=1)).all():
+            raise InvalidInput("points", f"{points[k := int(finite.argmin())]} in row {k}"[:80], expected)
         object.__setattr__(self, "points", points)
         object.__setattr__(self, "rate", check_number(self.rate, "rate", "targets per second, above 0", above=0.0))
         object.__setattr__(self, "observed", check_number(self.observed, "observed", "a time [s]"))
 
 
-def repair(chunk: Chunk, lower: Array, upper: Array) -> tuple[Array, float, int]:
-    """Return the targets (m, n) inside the ranges, their rate [1/s], and the number of changed ones.
+class Targets(NamedTuple):
+    """Targets (m, n) inside the ranges, their rate [1/s], the numbers of changed and clipped ones, and of jumps by over π.
 
-    A target that equals the one before in all joints, but not the next one, stands for a missing one. It becomes the mean of
-    its neighbours.
+    `refused` says why a chunk cannot be meant; empty otherwise.
     """
-    given = np.asarray(chunk.points)
-    P = np.clip(given, lower, upper)
-    for i in np.flatnonzero((P[1:-1] == P[:-2]).all(axis=1) & (P[2:] != P[1:-1]).any(axis=1)):
-        P[i + 1] = 0.5 * (P[i] + P[i + 2])
-    changed, rate = int((given != P).any(axis=1).sum()), chunk.rate
+
+    points: Array
+    rate: float
+    repaired: int
+    clipped: int
+    jumps: int
+    refused: str
+
+
+def read_targets(chunk: Chunk, robot: Robot, ranges: Array, near: Array, age: float) -> Targets:
+    """Return the targets that are meant, from a state's joints (n,) and the chunk's age [s]; ranges (n, 2).
+
+    Joints without limits take the shortest way, from target to target, and from the joints to the target of this age. A target
+    that equals the one before in all joints, but not the next one, stands for a missing one. It becomes the mean of its
+    neighbours.
+    """
+    P, free, rate = np.array(chunk.points), find_continuous(robot), chunk.rate
+    if refused := _refuse(P, robot):
+        return Targets(P, rate, 0, 0, 0, refused)
+    if free.any():
+        P[:, free] = np.unwrap(P[:, free], axis=0)
+        now = P[int(np.clip(age * rate, 0.0, len(P) - 1.0))]
+        P += unwind(robot, now, near) - now
+    steps = np.diff(P, axis=0)
+    jumps = int((np.abs(steps) > np.where(free | robot.prismatic, np.inf, np.pi)).any(axis=1).sum())
+    inside = np.minimum(np.maximum(P, ranges[:, 0]), ranges[:, 1])
+    changed, P = (inside != P).any(axis=1), inside
+    clipped, same = int(changed.sum()), (P[1:] == P[:-1]).all(axis=1)
+    for i in np.flatnonzero(same[:-1] & ~same[1:]) + 1:
+        P[i], changed[i] = 0.5 * (P[i - 1] + P[i + 1]), True
+    repaired = int(changed.sum())
     while len(P) < FEWEST:
         P, rate = np.insert(P, range(1, len(P)), 0.5 * (P[1:] + P[:-1]), axis=0), 2.0 * rate
-    return P, rate, changed
+    return Targets(P, rate, repaired, clipped, jumps, "")
+
+
+def _refuse(P: Array, robot: Robot) -> str:
+    """Return why targets (m, n) are too far outside the ranges to be meant, or nothing."""
+    lower, upper = np.maximum(robot.limits.lower, -LARGEST_LIMIT), np.minimum(robot.limits.upper, LARGEST_LIMIT)
+    grace = np.where(robot.prismatic, *BEYOND)
+    least, most = P.min(axis=0), P.max(axis=0)
+    excess = np.maximum(lower - least, most - upper)
+    if (excess <= grace).all():
+        return ""
+    i = int((np.minimum(excess, LARGEST_LIMIT) / grace).argmax())
+    k = int(np.argmax(np.maximum(lower[i] - P[:, i], P[:, i] - upper[i])))
+    degrees = np.where(robot.prismatic, 1.0, np.pi / 180.0)
+    fits = (lower - degrees * least <= grace) & (degrees * most - upper <= grace)
+    advice = ": are these degrees?" if fits.all() and not robot.prismatic[i] and excess[i] > LIKE_DEGREES else ""
+    far = f"{P[k, i]:.6g}, {excess[i]:.3g} {'m' if robot.prismatic[i] else 'rad'}"
+    reach = f"[{robot.limits.lower[i]:.6g}, {robot.limits.upper[i]:.6g}]"
+    return f"target {k} of {robot.joint_names[i]} is {far} beyond its range {reach}{advice}"
 
 
 def load_chunks(file: str | os.PathLike[str], robot: Robot, rate: float, *, columns: Names = None) -> list[Chunk]:

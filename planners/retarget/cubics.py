@@ -13,6 +13,8 @@ from planners.trajectory import Trajectory
 
 SAME_TIME = 1e-9
 """Largest difference of times that are equal [s]."""
+SAME_KNOT = 1e-13
+"""Difference between knots of joints that is rounding [s]."""
 SAME_PLACE = 1e-14
 """Distance to a goal that is rounding, over the larger of the position and 1 [rad, m]."""
 SHORTEST, BRIEF_REST = 1e-12, 1e-3
@@ -127,6 +129,11 @@ def join_phases(h: Array, j: Array, ends: tuple[Array, Array], knots: Array, cou
         if N == 0:  # nothing moves
             N, jerk[:3] = 3, 0.0
             knots[i, 1:4] = np.arange(1, 4) * BRIEF_REST
+        for k in range(1, N + 1):  # knots of joints that differ by rounding are the same
+            for other in range(i):
+                near = np.searchsorted(knots[other, : count[other]], knots[i, k] - SAME_KNOT)
+                if near < count[other] and knots[other, near] < knots[i, k] + SAME_KNOT:
+                    knots[i, k] = knots[other, near]
         count[i] = N + 1
         jerks[i, :N] = jerk[:N]
         end = max(end, knots[i, N])

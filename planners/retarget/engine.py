@@ -18,16 +18,18 @@ from optik.scene.contact import check_scene
 from optik.types import Array
 from planners.limits import DERIVATIVES, MotionLimits, PathPoints, kind_of, symmetric_bound
 from planners.limits.base import sides
+from planners.paths.goal import unwind
 from planners.retarget.certificate import StreamCertificate, certify_joined, other_limits, trajectory_of
-from planners.retarget.chunk import Chunk, repair
+from planners.retarget.chunk import Chunk, read_targets
 from planners.retarget.cubics import BRIEF_REST, JointCubics
 from planners.retarget.jog import Jog
 from planners.retarget.pace import APART, LEAST_PACE, OTHER_PART, PLACES, joint_rows, smooth_pace, sweep
-from planners.retarget.reference import MOST_SPANS, fit_reference, sample_reference
+from planners.retarget.poses import resolve_poses
+from planners.retarget.reference import MOST_SPANS, find_scatter, fit_reference, sample_reference
 from planners.retarget.result import Reference, Retargeted, RetargetStatus, state_of
 from planners.retarget.tracking import SPARE, track
 from planners.retarget.transfer import Transfer, build
-from planners.trajectory import Trajectory, cut_before, make_rest
+from planners.trajectory import Trajectory, cut_before, make_rest, map_joints
 
 SLOWER = (1.0, 0.8, 0.64, 0.64, 0.64)
 """Factors of the pace that are tried where a torque or another limit of the whole arm is exceeded or not proved."""
@@ -38,14 +40,25 @@ TORQUE_PART, SLOWER_RISE = 0.95, 0.8
 is lowered."""
 LEAST_PART, STOP_PART = 0.1, 1.1
 """Least accelerations that remain: over their own limits, and over those that stop a joint at the end of its range."""
+SLOW_END, BRAKE_PART = 0.05, 0.8
+"""Velocity that is allowed within the tolerance of clipped targets, if limits of velocities fall to the end [rad/s, m/s]; and the part of the deceleration with which such a limit is touched: its proof needs room."""
 SHORTEST_WINDOW = 0.02
 """Shortest window over which a pace is averaged [s]."""
 TRIED, MOST_PIECES = 31, 4000
 """Places of a chunk among which the nearest one to the arm is chosen, and the largest number of pieces of a joint."""
 ARRIVED = (1e-10, 1e-12, 1e-12)
 """Distances from a goal at rest in position, velocity and acceleration that are rounding [rad, rad/s, rad/s², or m]."""
+SCATTERS, MOST_TOLERANCE = 4.0, 4.0
+"""Scatters of the targets that a reference may differ from them, but at most this multiple of the tolerance."""
 LATEST = 0.98
 """Latest entry into a chunk, over its duration."""
+LONGEST_WAIT, MOST_TIME, MOST_RATE = 10.0, 1e4, 1e6
+"""Longest wait for a chunk that is observed in the future, longest chunk [s], and the largest rate of targets [1/s]."""
+WORK, LEAST_SPANS, LOADED, PROOF = 44, 100, 260, 10
+"""Work of one call for each joint and span of the reference, in intervals times iterations; least number of spans that count;
+the number that counts with limits of the whole arm; and the work of the proof of an interval with these."""
+PIECES = (50.0, 1.5)
+"""Pieces of a motion, and of a span of its reference, above which they are longer than usual: a slow motion needs no more."""
 ENTRIES = np.linspace(0.0, 0.95, 8)
 """Instants of entries into a plan whose durations are computed, over the plan's duration."""
 
@@ -66,13 +79,16 @@ class _Samples:
 
 
 class _Attempt(NamedTuple):
-    """A motion, or None and the reason; then skipped and repaired targets, and the reference of a chunk."""
+    """A motion, or None and the reason; then the facts of a chunk, as `Retargeted` has them."""
 
     curve: JointCubics | Trajectory | None
     reason: str = "Ruckig found no motion"
     skipped: int = 0
     repaired: int = 0
     reference: Reference | None = None
+    clipped: int = 0
+    jumps: int = 0
+    scatter: float = 0.0
 
 
 Make = Callable[[Array, int], _Attempt]
@@ -102,6 +118,11 @@ class Retargeter:
             raise InvalidInput(
                 "limits", "tool speeds for the segments of a path", "one tool speed for the whole motion"
             )
+        self.ranges, self._falling = self.box[:, 0].copy(), None
+        if (falling := self.limits.value("velocity_by_position")) is not None:
+            self._falling = falling.offset, falling.deceleration
+            gap = (falling.offset + SLOW_END) ** 2 / (2.0 * falling.deceleration) + self.tolerance
+            self.ranges += np.where(np.isfinite(falling.deceleration), gap, 0.0)[:, None] * [1.0, -1.0]
         self._usual, self._heavy = Transfer(self.box), robot
         if robot.payload is not None:  # the heaviest of an interval
             self._heavy = replace(robot, payload=replace(robot.payload, mass=robot.payload.masses[-1]))
@@ -109,17 +130,20 @@ class Retargeter:
     def run(self, running: Trajectory, at: float, onto: Any) -> Retargeted:
         """Return the motion onto a target, from the running motion's state at a time [s]."""
         X = np.array(state_of(running, at))
-        status, tries = RetargetStatus.GOAL, len(SLOWER)
+        status, tries, cut = RetargetStatus.GOAL, len(SLOWER), ""
         if isinstance(onto, Chunk):
             status, tries = RetargetStatus.JOINED, tries if self.others else 1
-            make: Make = ChunkFollower(self, X, onto, at).make
+            chunk, cut = resolve_poses(self.robot, onto, X, at)
+            make: Make = lambda box, k: _Attempt(None, cut)  # noqa: E731
+            if chunk is not None:
+                make = ChunkFollower(self, X, chunk, at).make
         elif isinstance(onto, Jog):
             velocity = _joints(onto.velocity, self.robot.n, "velocity")
             make = lambda box, k: _Attempt(self._transfer(box).jog(X, velocity, onto.hold))  # noqa: E731
         elif hasattr(onto, "trajectory"):
             status, make = RetargetStatus.JOINED, self._enter(X, onto.trajectory)
         else:
-            make = self._go(X, _joints(onto, self.robot.n, "onto"))
+            make = self._go(X, unwind(self.robot, _joints(onto, self.robot.n, "onto"), X[0]))
         made, reason, box = _Attempt(None), self._refuse_state(X), self._first_box(X)
         for k in range(0 if reason else tries):
             made = make(box, k)
@@ -128,12 +152,12 @@ class Retargeter:
                 break
             proof = certify_joined(self.robot, made.curve, self.limits, X, self.scene)
             if proof.is_valid:
-                return Retargeted(status, "", self.robot, self.limits, at, made.curve, proof, *made[2:])
+                return Retargeted(status, "", self.robot, self.limits, at, made.curve, proof, *made[2:], cut)
             reason, box = reason or proof.reasons[0], self._tighten(box, proof, X, trajectory_of(made.curve))
         rest = at >= running.end - BRIEF_REST
         kept = make_rest(X[0], 3.0 * BRIEF_REST) if rest else cut_before(running, at)
         proof = certify_joined(self.robot, kept, self.limits, X, None)
-        return Retargeted(RetargetStatus.KEPT, reason, self.robot, self.limits, at, kept, proof, *made[2:])
+        return Retargeted(RetargetStatus.KEPT, reason, self.robot, self.limits, at, kept, proof, *made[2:], cut)
 
     def _refuse_state(self, X: Array) -> str:
         """Return why no motion from a state (3, n) is within the limits, or nothing."""
@@ -210,6 +234,27 @@ class Retargeter:
                 most = min(abs(box[j, 2, side]), max(factor * abs(ddq[j]), least))
                 box[j, 2, side] = np.copysign(most, ddq[j])
 
+    def brake(self, box: Array, X: Array, low: Array, high: Array) -> Array:
+        """Return limits with which joints that stop between positions (n,) respect velocities that fall towards the ends.
+
+        Before a stop at a distance r from the end a deceleration a allows √(2 a x) at a distance x. It stays below the limit
+        −o + √(2 d (r + x)) at each x if a ≤ d − o² / (2 r).
+        """
+        if self._falling is None:
+            return box
+        box, ends, (o, d) = box.copy(), self.robot.limits, self._falling
+        wide = 1e-9 * np.ptp(self.box[:, 2], axis=1)
+        for side, room in enumerate((ends.upper - high, low - ends.lower)):
+            room = np.maximum(room, 1e-9)
+            most = BRAKE_PART * (d - o**2 / (2.0 * room))
+            falls = (np.sqrt(2.0 * d * room) - o < box[:, 1, 1 - side] * (1 - 2 * side)) & (most > 0.0)
+            if side == 0:
+                most = np.minimum(np.maximum(box[:, 2, 0], -most), X[2] - wide)
+            else:
+                most = np.maximum(np.minimum(box[:, 2, 1], most), X[2] + wide)
+            box[falls, 2, side] = most[falls]
+        return box
+
     def _transfer(self, box: Array) -> Transfer:
         """Return the solver of time-optimal motions within limits."""
         return self._usual if box is self.box else Transfer(box)
@@ -227,15 +272,23 @@ class Retargeter:
         goal = np.stack([q, 0.0 * q, 0.0 * q])
         arrived = (np.abs(X - goal).max(axis=1) < ARRIVED).all()
 
-        return lambda box, k: _Attempt(
-            make_rest(X[0], BRIEF_REST) if arrived else self._transfer(box).to_state(X, goal)
-        )
+        low, high = np.where(q < X[0], q, np.inf), np.where(q > X[0], q, -np.inf)
+
+        def make(box: Array, k: int) -> _Attempt:
+            if arrived:
+                return _Attempt(make_rest(X[0], BRIEF_REST))
+            return _Attempt(self._transfer(self.brake(box, X, low, high)).to_state(X, goal))
+
+        return make
 
     def _enter(self, X: Array, curve: Trajectory) -> Make:
         """Return the maker of motions that enter another one where they end soonest, then at the next best instants."""
         if curve.n != self.robot.n:
             raise InvalidInput("onto", f"a motion of {curve.n} joints", f"{self.robot.n}, of {self.robot.name}")
 
+        turns = unwind(self.robot, curve(0.0), X[0]) - curve(0.0)
+        if turns.any():
+            curve = map_joints(curve, np.eye(curve.n), turns)
         times = curve.end * ENTRIES
         goals = np.stack([curve(times, order) for order in range(3)], axis=1)
 
@@ -258,20 +311,41 @@ class ChunkFollower:
         self._engine, self._X, n = engine, X, engine.robot.n
         if (m := np.shape(chunk.points)[1]) != n:
             raise InvalidInput("onto", f"targets of {m} joints", f"{n}, of {engine.robot.name}")
-        P, rate, self._repaired = repair(chunk, *engine.box[:, 0].T)
+        age = at - chunk.observed
+        P, rate, repaired, clipped, jumps, refused = read_targets(chunk, engine.robot, engine.ranges, X[0], age)
+        self._extent = P.min(axis=0), P.max(axis=0)
+        self._facts = _Attempt(None, refused, repaired=repaired, clipped=clipped, jumps=jumps)
         spans, end = min(len(P) - 1, MOST_SPANS), (len(P) - 1) / rate
+        if not refused:
+            self._facts = self._facts._replace(reason=self._refuse(age, end, chunk.rate))
+        if self._facts.reason:
+            return
         self._c, self._h = np.empty((spans + 5, n)), end / spans
-        self._error = fit_reference(P, engine.tolerance, self._c)
-        s0 = min(max(at - chunk.observed, 0.0), LATEST * end)
+        scatter = find_scatter(P)
+        self._facts = self._facts._replace(scatter=scatter)
+        tolerance = max(engine.tolerance, min(SCATTERS * scatter, MOST_TOLERANCE * engine.tolerance))
+        self._error = fit_reference(P, tolerance, self._c)
+        s0 = min(max(age, 0.0), LATEST * end)
         if engine.align == "nearest" and s0 > 0.0:
             places = np.linspace(0.0, s0, TRIED)
             away = np.abs(self._sample(places, 1)[:, 0] - X[0]).max(axis=1)
             s0 = float(places[np.flatnonzero(away <= away.min() + engine.tolerance)[-1]])  # nearer ones are noise
-        self._skipped = ceil(s0 * chunk.rate - 1e-9)
+        self._facts = self._facts._replace(skipped=ceil(s0 * chunk.rate - 1e-9))
         # A chunk observed in the future begins then, if it is entered by its clock.
-        self._wait = max(chunk.observed - at, 0.0) if engine.align == "clock" else 0.0
+        self._wait = max(-age, 0.0) if engine.align == "clock" else 0.0
+        self._budget = WORK * n * (LOADED if engine.others else max(spans, LEAST_SPANS))
         self._s = np.linspace(s0, end, int(min(max(PLACES[0], (end - s0) / APART), PLACES[1])))
         self._R = self._sample(self._s, 4)
+
+    def _refuse(self, age: float, end: float, rate: float) -> str:
+        """Return why a chunk of this age and duration [s] is not followed, or nothing."""
+        engine = self._engine
+        if engine.align == "clock" and not -LONGEST_WAIT <= age <= end:
+            when = f"{age:.6g} s before at, and lasts {end:.3g} s" if age > 0.0 else f"{-age:.6g} s after at"
+            return f"observed is {when}: is it the time of another clock?"
+        if end > MOST_TIME:
+            return f"the chunk lasts {end:.3g} s, above {MOST_TIME:g} s"
+        return f"{rate:.6g} targets per second, above {MOST_RATE:g}" if rate > MOST_RATE else ""
 
     def _sample(self, s: Array, orders: int) -> Array:
         """Return the reference and its derivatives (k, orders, n)."""
@@ -282,18 +356,27 @@ class ChunkFollower:
     def make(self, box: Array, k: int) -> _Attempt:
         """Return the motion that follows the chunk within limits of single joints, slower with each try."""
         engine = self._engine
-        when, s = self._find_pace(box, SLOWER[k])
-        if when.size > 2 * MOST_PIECES:
-            reach = MOST_PIECES * engine.longest
-            return _Attempt(None, f"the chunk takes {when[-1]:.3g} s, and {MOST_PIECES} pieces reach to {reach:.3g} s")
-        j, knots, count, c = track(self._X, box, when, self._sample(s, 1)[:, 0].copy(), engine.longest)
-        more = self._skipped, self._repaired, Reference(self._c, self._h, when, s, self._error)
+        if self._facts.reason:
+            return self._facts
+        box = engine.brake(box, self._X, *self._extent) if k else box
+        when, s, longest = self._find_pace(box, SLOWER[k])
+        facts, j, used = self._facts._replace(reference=Reference(self._c, self._h, when, s, self._error)), -2, 0
+        if when.size <= 2 * MOST_PIECES:
+            targets = self._sample(s, 1)[:, 0].copy()
+            j, used, knots, count, c = track(self._X, box, when, targets, longest, self._budget)
+        self._budget -= used
+        if j == -2:
+            return facts._replace(
+                reason=f"not found within the budget of work: the chunk takes {when[-1]:.3g} s, a part of it less"
+            )
         if j >= 0:
-            return _Attempt(None, f"no motion of {engine.robot.joint_names[j]} within its limits was found", *more)
-        return _Attempt(JointCubics(knots, count, c), "", *more)
+            return facts._replace(reason=f"no motion of {engine.robot.joint_names[j]} within its limits was found")
+        if engine.others:
+            self._budget -= PROOF * knots.size
+        return facts._replace(curve=JointCubics(knots, count, c))
 
-    def _find_pace(self, box: Array, slower: float) -> tuple[Array, Array]:
-        """Return instants [s] and the chunk's time there, at most at a fraction of the wanted pace."""
+    def _find_pace(self, box: Array, slower: float) -> tuple[Array, Array, float]:
+        """Return instants [s], the chunk's time there at most at a fraction of the wanted pace, and the longest piece [s]."""
         engine, s, X = self._engine, self._s, self._X
         pace = engine.pace * slower
         rows, cap, x, t = np.empty((s.size, X.shape[1], 4)), np.empty(s.size), np.empty(s.size), np.empty(s.size)
@@ -306,11 +389,12 @@ class ChunkFollower:
         sweep(s, rows, cap, first * first, min(LEAST_PACE, pace) ** 2, x, t)
         ramp = np.minimum(box[:, 2, 1], -box[:, 2, 0]) / np.minimum(box[:, 3, 1], -box[:, 3, 0])
         width = max(float(ramp.max()), SHORTEST_WINDOW)
-        step = 0.5 * engine.longest
-        when = np.arange(0.0, min(t[-1] + 0.5 * width, MOST_PIECES * engine.longest) + 2.0 * step, step)
+        longest = max(engine.longest, t[-1] / (PIECES[0] + PIECES[1] * (s[-1] - s[0]) / self._h))
+        step = 0.5 * longest
+        when = np.arange(0.0, min(t[-1] + 0.5 * width, MOST_PIECES * longest) + 2.0 * step, step)
         out = np.empty_like(when)
         smooth_pace(s, t, float(np.sqrt(x[0])), width, when, out)
-        return when + self._wait, out
+        return when + self._wait, out, longest
 
     def _add_rows(self, rows: Array, cap: Array, part: float) -> Array:
         """Return the rows with those of limits of the whole arm, and lower the largest ṡ² by those of first order."""
@@ -346,5 +430,5 @@ def _joints(value: Any, n: int, argument: str) -> Array:
     expected = f"a Chunk, a plan, or {n} finite joint values" if argument == "onto" else f"{n} finite numbers"
     q = real_array(value, argument, expected)
     if q.shape != (n,) or not np.isfinite(q).all():
-        raise InvalidInput(argument, repr(value)[:60], expected)
+        raise InvalidInput(argument, "NaN or infinity" if q.shape == (n,) else f"shape {q.shape}", expected)
     return q

@@ -288,8 +288,8 @@ def _advance(W: Array, primal: float, dual: float) -> None:
 
 
 @inlined
-def minimise(spline: tuple[Array, Array], H: Array, g: Array, limits: Array, c: Array, W: Array) -> int:
-    """Minimise ½ cᵀ H c + gᵀ c over the control points c[3:], with all rows within the limits.
+def minimise(spline: tuple[Array, Array], H: Array, g: Array, limits: Array, c: Array, W: Array, most: int) -> int:
+    """Minimise ½ cᵀ H c + gᵀ c over the control points c[3:], with all rows within the limits, in at most some steps.
 
     Returns the number of steps, or −1 if no such point was found. c (N + 3,) begins with the state. Afterwards W[ROWS] has
     the rows.
@@ -316,7 +316,7 @@ def minimise(spline: tuple[Array, Array], H: Array, g: Array, limits: Array, c: 
     if not _begin(W, box):
         return 0
     scale = 1.0 / max(_largest(gradient), 1e-12)
-    for step in range(1, MOST_STEPS + 1):
+    for step in range(1, most + 1):
         gap, infeasible = _prepare(W, box)
         mean = gap / (8 * size - 32)
         _gradient(H, g, c, scale, gradient)

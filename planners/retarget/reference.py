@@ -22,6 +22,8 @@ _BASIS = [
 ]
 # Their derivatives of order 0 to 3: (order, i, power).
 BASIS = np.array([[np.pad(np.polyder(row[::-1], k)[::-1] / 120.0, (0, k)) for row in _BASIS] for k in range(4)])
+FEWEST_NOISY, MEDIAN = 12, 0.6745 * np.sqrt(924.0)
+"""Fewest points whose scatter is estimated, and the median of the absolute sixth differences of unit noise."""
 ROUNDING = 1e-12
 """Smallest eigenvalue of the normal equations, in units of one sample: fewer points than coefficients leave them singular."""
 
@@ -100,6 +102,25 @@ def _solve(B: Array, penalty: float, L: Array, c: Array) -> None:
         for d in range(1, min(5, size - 1 - i) + 1):
             for j in range(n):
                 c[i, j] -= L[d, i + d] * c[i + d, j]
+
+
+@parallel
+def find_scatter(P: Array) -> float:
+    """Return the standard deviation of the noise of points P (m, n) [rad, m], of the joint with the largest one.
+
+    Sixth differences leave little of a motion. Their median does not count the few that contain a kink of it.
+    """
+    m, worst = P.shape[0], 0.0
+    if m < FEWEST_NOISY:
+        return worst
+    d = np.empty(m - 6)
+    for j in range(P.shape[1]):
+        for i in range(m - 6):
+            ends, middle = P[i, j] + P[i + 6, j] - 20.0 * P[i + 3, j], P[i + 2, j] + P[i + 4, j]
+            d[i] = abs(ends + 15.0 * middle - 6.0 * (P[i + 1, j] + P[i + 5, j]))
+        d.sort()
+        worst = max(worst, d[(m - 6) // 2] / MEDIAN)
+    return worst
 
 
 @parallel

@@ -91,6 +91,12 @@ class Retargeted:
         Targets of the chunk before its entry; targets that were clipped to the ranges, or repeated the one before.
     reference : Reference or None
         The paced reference of a chunk.
+    clipped, jumps : int
+        Targets of the chunk that were clipped to the ranges; those at which a joint with limits jumps by more than π.
+    scatter : float
+        Standard deviation of the chunk's targets about a smooth curve, of the joint with the largest one [rad, m].
+    cut : str
+        Why a chunk of poses ends before its last one; empty if it does not.
     """
 
     status: RetargetStatus
@@ -103,6 +109,10 @@ class Retargeted:
     skipped: int = 0
     repaired: int = 0
     reference: Reference | None = field(default=None, repr=False)
+    clipped: int = 0
+    jumps: int = 0
+    scatter: float = 0.0
+    cut: str = ""
 
     def __bool__(self) -> bool:
         return self.status is not RetargetStatus.KEPT
@@ -119,7 +129,7 @@ class Retargeted:
             when = "never" if after is None else f"after {after:.3g} s"
             lines.append(f"within {1e3 * JOINED_WITHIN:g} mrad of the paced chunk {when}, pace {self.pace:.3g}")
             lines.append(f"{self.skipped} targets skipped, {self.repaired} repaired")
-        return "\n".join([*lines, str(self.certificate)])
+        return "\n".join([*lines, *([self.cut] if self and self.cut else []), str(self.certificate)])
 
     def state(self, t: float) -> State:
         """Return position, velocity and acceleration.

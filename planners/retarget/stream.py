@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import re
 import time
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from math import ceil
@@ -13,18 +14,18 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optik.arm.robot import Robot
-from optik.check import check_flag, check_number, real_array
-from optik.errors import InvalidInput
+from optik.check import check_flag, check_number
+from optik.errors import InvalidInput, NoSolution
 from optik.scene import Scene
 from optik.types import Array
 from planners.limits import MotionLimits
 from planners.motion.motion import HasMotion
 from planners.retarget.chunk import Chunk
-from planners.retarget.cubics import BRIEF_REST
-from planners.retarget.engine import Retargeter
+from planners.retarget.engine import SCATTERS, Retargeter
 from planners.retarget.jog import Jog
 from planners.retarget.result import Retargeted, RetargetStatus, state_of
-from planners.trajectory import Trajectory, make_rest
+from planners.retarget.start import begin
+from planners.trajectory import Trajectory
 
 BUDGET = 0.004
 """Default time from the arrival of a target to the start of its motion [s]."""
@@ -32,6 +33,10 @@ SILENCE = 1.0
 """Default time at rest without a target after which a stream ends [s]."""
 KEPT_TIMES = 100_000
 """Largest number of computing times and delays in a report."""
+ENOUGH = 0.99
+"""Fraction of the targets whose motions would have begun in time with the budget that a report advises."""
+_VARIES = re.compile(r"""'[^']*'?|"[^"]*"?|\[[^]]*]?|\([^)]*\)?|(?<!\w)[-+]?(\d[\w.]*([-+]\d+)?|inf|nan)""")
+"""What differs between texts of one kind: quoted words, lists and numbers."""
 
 
 class Setpoint(NamedTuple):
@@ -51,9 +56,12 @@ Source = Callable[[Setpoint], "Chunk | Jog | ArrayLike | HasMotion | None"]
 class StreamReport(NamedTuple):
     """What a stream did.
 
-    ``kept`` counts the reasons why targets were not joined. ``late`` motions were proved after their instant and dropped.
-    ``missed`` ticks passed before the loop asked for them. Computing times and delays of ticks are medians, 99 % quantiles and
-    largest values [s].
+    ``kept`` counts by kind why targets were not joined, and ``cut`` why chunks of poses ended early: the first text stands for
+    all that differ in numbers only. ``late`` motions were proved after their instant and dropped; with ``enough`` [s] as budget
+    99 % of all would have been in time. ``missed`` ticks passed before the loop asked for them. Of the joined targets,
+    ``clipped`` lay outside the ranges, and at ``jumps`` a joint with limits jumped by more than π. ``scatter`` is the largest
+    about a smooth curve, and ``tolerance`` the one of the stream [rad, m]. Computing times and delays of ticks are medians,
+    99 % quantiles and largest values [s].
     """
 
     ticks: int
@@ -64,18 +72,30 @@ class StreamReport(NamedTuple):
     skipped: int
     cpu: tuple[float, float, float]
     delay: tuple[float, float, float]
+    enough: float
+    clipped: int
+    jumps: int
+    scatter: float
+    tolerance: float
+    cut: dict[str, int]
 
     def __str__(self) -> str:
-        kept = "; ".join(f"{count} × {why}" for why, count in self.kept.items()) or "none"
+        kept, cut = ("; ".join(f"{count} × {why}" for why, count in each.items()) for each in (self.kept, self.cut))
         cpu, delay = (" / ".join(f"{1e3 * x:.3g}" for x in each) for each in (self.cpu, self.delay))
-        lines = [
-            f"{self.ticks} set-points, {self.missed} ticks missed",
-            f"{self.joined} targets joined, {self.skipped} points skipped, {self.late} motions late",
-            f"not joined: {kept}",
-            f"computing time of a target, median / 99 % / largest: {cpu} ms",
-            f"delay of a tick: {delay} ms",
-        ]
-        return "\n".join(lines)
+        noise = f"targets scatter by {1e3 * self.scatter:.2g} mrad (or mm), too much for tolerance={self.tolerance:g}"
+        lines = {
+            f"{self.ticks} set-points, {self.missed} ticks missed": True,
+            f"{self.joined} targets joined, {self.skipped} points skipped, {self.late} motions late": True,
+            f"not joined: {kept or 'none'}": True,
+            f"computing time of a target, median / 99 % / largest: {cpu} ms": True,
+            f"delay of a tick: {delay} ms": True,
+            f"{self.late} motions late: budget={self.enough:.4g} would have sufficed for 99 %": self.late,
+            f"{self.clipped} targets were clipped to the joint ranges": self.clipped,
+            f"at {self.jumps} targets a joint with limits jumps by more than π": self.jumps,
+            f"{noise}: tolerance={SCATTERS * self.scatter:.2g} smooths them": self.scatter > self.tolerance,
+            f"chunks of poses that end early: {cut}": self.cut,
+        }
+        return "\n".join(line for line, said in lines.items() if said)
 
 
 class Stream(Iterator[Setpoint]):
@@ -94,37 +114,29 @@ class Stream(Iterator[Setpoint]):
         self.budget = check_number(budget, "budget", "seconds, at least 0", least=0.0)
         self._silence = None if silence is None else check_number(silence, "silence", "seconds, at least 0", least=0.0)
         self.engine = Retargeter(robot, **options)
-        self._running, self._begin = self._first(start), 0.0
+        self._running, self._begin = begin(self.engine, start, "start"), 0.0
         self._waiting = deque[tuple[Retargeted, float]]()  # motions that begin later, each from the one before
         self._pool = ThreadPoolExecutor(1) if realtime else None
-        self._work: tuple[Future[tuple[Retargeted, float]], float] | None = None
+        self._work: tuple[Future[tuple[Retargeted, float]], float, float] | None = None
         self._tick, self._began, self._heard, self._given = -1, 0.0, 0.0, -1.0
         self._stopping = self._rests = False
         self.announce: Callable[[Retargeted, float], None] = lambda motion, begin: None
         """Called with each motion that was proved and the time at which it begins [s], before it does."""
-        self._kept: Counter[str] = Counter()
-        self._joined = self._late = self._missed = self._skipped = 0
-        self._cpu, self._delay = (deque[float](maxlen=KEPT_TIMES) for _ in range(2))
+        self.error: Exception | None = None
+        """What the source or a computation raised. After it no target is taken; it is raised when the arm is at rest."""
+        self._kept, self._cut = (
+            dict[str, tuple[str, int]]() for _ in range(2)
+        )  # by kind: the first text, and the count
+        self._joined = self._late = self._missed = 0
+        self._facts = np.zeros(4)  # skipped, clipped and jumping targets; the largest scatter
+        self._cpu, self._delay, self._needed = (deque[float](maxlen=KEPT_TIMES) for _ in range(3))
         self._warm_up()
-
-    def _first(self, start: Any) -> Trajectory:
-        """Return the first motion: rest at joints, or a motion that already runs."""
-        if hasattr(start, "trajectory"):
-            trajectory: Trajectory = start.trajectory
-            if trajectory.n != self.robot.n:
-                raise InvalidInput("start", f"{trajectory.n} joints", f"the {self.robot.n} of {self.robot.name}")
-            return trajectory
-        expected = f"a motion, or {self.robot.n} finite joint values inside the ranges"
-        q = real_array(start, "start", expected)
-        if q.shape != (self.robot.n,) or not np.isfinite(q).all() or not self.robot.limits.contains(q):
-            raise InvalidInput("start", repr(start)[:60], expected)
-        return make_rest(q, 3.0 * BRIEF_REST)
 
     def _warm_up(self) -> None:
         """Compile what each kind of target needs, before the first one comes."""
         q = state_of(self._running, 0.0)[0]
-        goal = self.engine.run(self._running, 0.0, q)
-        for target in (Chunk(np.array([q] * 8), 20.0), Jog(np.zeros(self.robot.n), 0.1), goal):
+        goal, chunks = self.engine.run(self._running, 0.0, q), (Chunk([x] * 8, 20.0) for x in (q, self.robot.fk(q)))
+        for target in (*chunks, Jog(np.zeros(self.robot.n), 0.1), goal):
             self.engine.run(self._running, 0.0, target)
 
     @property
@@ -139,14 +151,27 @@ class Stream(Iterator[Setpoint]):
         self._stopping = True
 
     def __next__(self) -> Setpoint:
-        """Return the set-point of the next tick: that of the clock, never two at once."""
+        """Return the set-point of the next tick; at the end raise what the source raised."""
+        now = self.advance()
+        if now is None:
+            raise self.error or StopIteration
+        return now
+
+    def advance(self) -> Setpoint | None:
+        """Return the set-point of the next tick, that of the clock and never two at once; raise nothing at the end.
+
+        Returns
+        -------
+        Setpoint or None
+            None at the end, at rest; `error` is what the source raised.
+        """
         t = self._wait()
         joined, self._given = self._join(t), t
         now = Setpoint(t, *state_of(self._running, t - self._begin), joined)
         patience = 0.0 if self._stopping else self._silence
         if self._rests and patience is not None and t - max(self._heard, self._begin + self._running.end) >= patience:
             self.close()
-            raise StopIteration
+            return None
         self._rests = t - self._begin >= self._running.end and not self._waiting and self._work is None
         self._poll(now)
         return now
@@ -171,19 +196,28 @@ class Stream(Iterator[Setpoint]):
         """Ask the source for a target, and begin to compute its motion."""
         if self._stopping or self._work is not None:
             return
-        target = self._source(now)
-        if target is None:
-            return
-        self._heard = now.t
-        at = ceil((now.t + self.budget) * self.rate - 1e-9) / self.rate
-        base, begin = self._running, self._begin
-        if self._waiting:
-            base, begin = self._waiting[-1][0].trajectory, self._waiting[-1][1]
-        at = max(at, begin)
-        if self._pool is None:
-            self._take(*self._compute(base, begin, at, target), at)
+        try:
+            target = self._source(now)
+            if target is None:
+                return
+            at = ceil((now.t + self.budget) * self.rate - 1e-9) / self.rate
+            base, begin = self._running, self._begin
+            if self._waiting:
+                base, begin = self._waiting[-1][0].trajectory, self._waiting[-1][1]
+            at = max(at, begin)
+            if self._pool is None:
+                self._take(now.t, *self._compute(base, begin, at, target), at)
+            else:
+                self._work = self._pool.submit(self._compute, base, begin, at, target), at, now.t
+        except Exception as error:
+            self._refuse(error)
+
+    def _refuse(self, error: Exception) -> None:
+        """Count a target that is not valid, or a failed plan; after any other error, take no more targets."""
+        if isinstance(error, InvalidInput | NoSolution):
+            _count(self._kept, str(error))
         else:
-            self._work = self._pool.submit(self._compute, base, begin, at, target), at
+            self._stopping, self.error = True, error
 
     def _compute(self, base: Trajectory, begin: float, at: float, target: Any) -> tuple[Retargeted, float]:
         """Return the motion from a time on, and its computing time [s]."""
@@ -193,26 +227,31 @@ class Stream(Iterator[Setpoint]):
         found = self.engine.run(base, at - begin, target)
         return found, time.thread_time() - since
 
-    def _take(self, found: Retargeted, seconds: float, at: float) -> None:
-        """Let a motion begin at its time, or count why it does not."""
+    def _take(self, t: float, found: Retargeted, seconds: float, at: float) -> None:
+        """Let the motion onto a target of time t begin at its time, or count why it does not."""
+        self._heard = t
         self._cpu.append(seconds)
-        if found.status is RetargetStatus.KEPT:
-            self._kept[found.reason] += 1
+        if self._given > at + 1e-9:  # the running motion's set-points after this instant were given
+            self._late += 1
+        elif found.status is RetargetStatus.KEPT:
+            _count(self._kept, found.reason)
         else:
-            self._skipped += found.skipped
-            self._waiting.append((found, at))
             self.announce(found, at)
+            self._waiting.append((found, at))
+            self._facts[:3] += found.skipped, found.clipped, found.jumps
+            self._facts[3] = max(self._facts[3], found.scatter)
+            if found.cut:
+                _count(self._cut, found.cut)
 
     def _join(self, t: float) -> Retargeted | None:
         """Return the motion that begins now, if one does; a result that came after its instant is dropped."""
         if self._work is not None and self._work[0].done():
-            (work, at), self._work = self._work, None
-            found, seconds = work.result()
-            if self._given > at + 1e-9:  # the running motion's set-points after this instant were given
-                self._late += 1
-                self._cpu.append(seconds)
-            else:
-                self._take(found, seconds, at)
+            (work, at, asked), self._work = self._work, None
+            self._needed.append(max(self._given - asked, 0.0))
+            try:
+                self._take(asked, *work.result(), at)
+            except Exception as error:
+                self._refuse(error)
         joined: Retargeted | None = None
         while self._waiting and t >= self._waiting[0][1] - 1e-9:
             joined, self._begin = self._waiting.popleft()
@@ -234,10 +273,20 @@ class Stream(Iterator[Setpoint]):
             Counts, computing times and delays.
         """
         cpu, delay = (
-            tuple(np.quantile(x, (0.5, 0.99, 1.0)).tolist()) if x else (0.0,) * 3 for x in (self._cpu, self._delay)
+            tuple(np.quantile(x, (0.5, ENOUGH, 1.0)).tolist()) if x else (0.0,) * 3 for x in (self._cpu, self._delay)
         )
-        counts = self._joined, dict(self._kept), self._late, self._missed, self._skipped
-        return StreamReport(self._tick + 1 - self._missed, *counts, cpu, delay)
+        kept, cut = (dict(each.values()) for each in (self._kept, self._cut))
+        enough = float(np.quantile(self._needed, ENOUGH, method="higher")) if self._needed else 0.0
+        ticks, (skipped, clipped, jumps) = self._tick + 1 - self._missed, self._facts[:3].astype(int).tolist()
+        more = enough, clipped, jumps, float(self._facts[3]), self.engine.tolerance, cut
+        return StreamReport(ticks, self._joined, kept, self._late, self._missed, skipped, cpu, delay, *more)
+
+
+def _count(counts: dict[str, tuple[str, int]], text: str) -> None:
+    """Count a text by its kind, for which the first one stands."""
+    kind = _VARIES.sub("…", text)
+    first, count = counts.get(kind, (text, 0))
+    counts[kind] = first, count + 1
 
 
 def stream(
@@ -256,9 +305,10 @@ def stream(
         The arm.
     source : callable
         Gets the present `Setpoint`; returns a `Chunk`, joints, a plan, or None. It must not block, and is not asked while a
-        motion is computed. `JogVelocity` is a source. `Chunk.observed` is a time on the stream's clock, `Setpoint.t`.
-    start : (n,) array, or Plan, Motion or Retargeted
-        Joints at rest [rad, m], or the motion that begins with the stream.
+        motion is computed. `JogVelocity` is a source. `Chunk.observed` is a time on the stream's clock, `Setpoint.t`. A target
+        that is not valid is counted; another exception is raised when the arm is at rest.
+    start : (n,) array, (3, n) array, or Plan, Motion, Retargeted or Trajectory
+        Joints at rest [rad, m]; a measured state q, q̇, q̈, which is brought to rest; or the motion that begins with the stream.
     rate : float
         Set-points per second [1/s].
     limits, tolerance, pace, align, longest, scene

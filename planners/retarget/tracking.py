@@ -6,8 +6,8 @@ import numpy as np
 
 from optik.compiled import inlined, parallel
 from optik.types import Array, Indices
-from planners.retarget.cubics import integrate
-from planners.retarget.interior import ROWS, add_weighted, make_factors, make_stencils, minimise
+from planners.retarget.cubics import SAME_TIME, integrate
+from planners.retarget.interior import MOST_STEPS, ROWS, add_weighted, make_factors, make_stencils, minimise
 
 TIGHT = 0.03
 """Fraction of the range of velocities: if the velocity after the acceleration is ended comes nearer to its limit than this, the
@@ -18,10 +18,13 @@ CUT = (2.0 * np.pi * 40.0) ** -6
 """Weight of the squared jerk: the tracking follows targets of up to 40 Hz [s⁶]."""
 HOLD = 2.0
 """Weight of the distance to the last target after its instant, over that before."""
-SPARE = 1e-7
-"""Fraction of the limits that is not used: the iteration respects them to its rounding."""
+SPARE, INSIDE = 1e-7, 2e-7
+"""Fraction of the limits, and distance to the ends of a range [rad, m], that are not used: the iteration respects them to its
+rounding."""
 ROOM = 1.1
 """Time after the last target in which the arm comes to rest, over the time of a stop from the largest velocity."""
+SET_UP = 10
+"""Work of an interval of a spline before the first iteration, over that of an iteration."""
 LEAST_INTERVALS, SHORTER_INTERVALS = 6, 60
 """Least number of intervals of a spline, and room for the intervals before the longest ones."""
 FIRST_INTERVAL, GROWTH = (2e-3, 0.02), (1.6, 1.2)
@@ -41,20 +44,25 @@ def lay_grid(begin: float, end: float, first: float, growth: float, longest: flo
 
 
 @inlined
-def ramp_of(v: float, a: float, limits: Array) -> tuple[float, float]:
-    """Return the duration [s] of the largest jerk that changes an acceleration first, or 0, and the acceleration after it.
+def _ramp(x: Array, limits: Array, knots: Array, c: Array) -> int:
+    """Write the cubic of the largest jerk that changes the acceleration of a state x (3,) first, if it must; return 1, or 0.
 
-    It is ended near the limit of the velocity. Beyond its own limit it is brought there.
+    It is ended near the limit of the velocity. Beyond its own limit it is brought there. The state becomes that after it.
     """
+    v, a, knots[0] = x[1], x[2], 0.0
     if a == 0.0:
-        return 0.0, a
+        return 0
     up = a > 0.0
     jerk, most = limits[3, 0 if up else 1], limits[2, 1 if up else 0]
     then = v - 0.5 * a * a / jerk  # when the acceleration is ended
     room = limits[1, 1] - then if up else then - limits[1, 0]
+    after = a if abs(a) <= (1.0 + BEYOND) * abs(most) else most
     if room < TIGHT * (limits[1, 1] - limits[1, 0]):
-        return -a / jerk, 0.0
-    return ((most - a) / jerk, most) if abs(a) > (1.0 + BEYOND) * abs(most) else (0.0, a)
+        after = 0.0
+    count = _add_piece(x, (after - a) / jerk, jerk, 0, knots, c)
+    if count:
+        x[2] = after
+    return count
 
 
 @inlined
@@ -96,8 +104,13 @@ def make_objective(T: Array, when: Array, weight: Array, A: Array, H: Array, B: 
 
 
 @parallel
-def track(state: Array, limits: Array, when: Array, target: Array, longest: float) -> tuple[int, Array, Indices, Array]:
-    """Return the joint motions nearest to targets, from a state to rest, after the first joint without one, or −1.
+def track(
+    state: Array, limits: Array, when: Array, target: Array, longest: float, budget: int
+) -> tuple[int, int, Array, Indices, Array]:
+    """Return the joint motions nearest to targets, from a state to rest, after the first joint without one, or −1, and work.
+
+    A joint without a motion from the state is stopped first. The work is counted in intervals times iterations. Above the
+    budget the joint is −2.
 
     Shapes and units: state (3, n) [rad/s^i, m/s^i], limits (n, 4, 2) of position to jerk, lower and upper, when (k,) [s],
     target (k, n) [rad, m], longest [s]. Returns knots (n, K) [s], their numbers (n,), cubics (n, 4, K), highest power first.
@@ -115,55 +128,86 @@ def track(state: Array, limits: Array, when: Array, target: Array, longest: floa
         end = max(end, max(when[last], reach) + ROOM * (v / a + own))
     first, growth = min(0.3 * ramp, FIRST_INTERVAL[1], longest), GROWTH[0] if ramp < FIRST_INTERVAL[1] else GROWTH[1]
     first = max(first, min(FIRST_INTERVAL[0], longest))
-    most = int(end / longest) + SHORTER_INTERVALS
+    most, used = int(min(end / longest, float(budget))) + SHORTER_INTERVALS, 0
+    if n * most * SET_UP > budget:
+        return -2, used, np.empty((n, 0)), np.empty(n, dtype=np.int64), np.empty((n, 4, 0))
     knots, count, c = np.empty((n, most)), np.empty(n, dtype=np.int64), np.empty((n, 4, most))
-    control, x0 = np.empty(most), np.empty(3)
+    control, x0, box = np.empty(most), np.empty(3), np.empty((4, 2))
     t, w = np.empty(when.size + most), np.empty(when.size + most)
     B, at, jerk = np.empty((t.size, 4)), np.empty(t.size, dtype=np.int64), np.empty(most)
     f, A, H, W = np.empty((3, 0)), np.empty((9, 0)), np.empty((4, 0)), np.empty((17, 4, 0))
     rest = np.array([np.nan, 0.0, 0.0])
-    usual, samples = False, 0  # whether the spline is that of a joint without a ramp
+    usual, samples = False, 0  # whether the spline is that of a joint without a lead
     for j in range(n):
-        for i in range(3):
-            x0[i] = state[i, j]
-        r, after = ramp_of(x0[1], x0[2], limits[j])
-        lead = 1 if r > 0.0 else 0
-        knots[j, 0] = 0.0
-        if lead:
-            _ramp(x0, r, after, c[j])
-        N = lay_grid(r, end, first, growth, longest, knots[j, lead:]) - 1
-        T, size = knots[j, lead : lead + N + 1], N + 3
-        count[j] = N + 1 + lead
-        if lead or not usual:
-            f, A, H, W = np.empty((3, size)), np.empty((9, size)), np.empty((4, size)), np.empty((17, 4, size))
-            make_factors(T, f)
-            make_stencils(f, A)
-            samples = _list_instants(T, when, longest, t, w)
-            make_objective(T, t[:samples], w[:samples], A, H, B, at)
-            usual = not lead
-        control[0] = x0[0]
-        control[1] = x0[0] + x0[1] / f[0, 0]
-        control[2] = control[1] + (x0[1] + x0[2] / f[1, 0]) / f[0, 1]
-        g = np.zeros(size)
-        for i in range(samples):
-            for a in range(4):
-                if at[i] >= 0:
-                    g[at[i] + a] -= w[i] * B[i, a] * target[min(i, last), j]
-        if minimise((f, A), H, g, limits[j], control[:size], W) < 0:
-            return j, knots, count, c
+        for tries in range(2):
+            for i in range(3):
+                x0[i] = state[i, j]
+            lead = _ramp(x0, limits[j], knots[j], c[j]) if tries == 0 else _stop(x0, limits[j], knots[j], c[j])
+            N = lay_grid(knots[j, lead], end, first, growth, longest, knots[j, lead:]) - 1
+            T, size = knots[j, lead : lead + N + 1], N + 3
+            count[j] = N + 1 + lead
+            if lead or not usual:
+                f, A, H, W = np.empty((3, size)), np.empty((9, size)), np.empty((4, size)), np.empty((17, 4, size))
+                make_factors(T, f)
+                make_stencils(f, A)
+                samples = _list_instants(T, when, longest, t, w)
+                make_objective(T, t[:samples], w[:samples], A, H, B, at)
+                usual = not lead
+            control[0] = x0[0]
+            control[1] = x0[0] + x0[1] / f[0, 0]
+            control[2] = control[1] + (x0[1] + x0[2] / f[1, 0]) / f[0, 1]
+            g = np.zeros(size)
+            for i in range(samples):
+                for a in range(4):
+                    if at[i] >= 0:
+                        g[at[i] + a] -= w[i] * B[i, a] * target[min(i, last), j]
+            box[:] = limits[j]
+            box[0, 0], box[0, 1] = min(box[0, 0] + INSIDE, x0[0]), max(box[0, 1] - INSIDE, x0[0])
+            allowed = min(MOST_STEPS, max((budget - used) // N - SET_UP, 0))
+            if used + (n - j) * N * SET_UP > budget:
+                return -2, used, knots, count, c
+            steps = minimise((f, A), H, g, box, control[:size], W, allowed)
+            used += N * (SET_UP + (steps if steps >= 0 else allowed))
+            if steps >= 0 or allowed < MOST_STEPS:
+                break
+        if steps < 0:
+            return j if allowed == MOST_STEPS else -2, used, knots, count, c
         for i in range(N):
             jerk[i] = W[ROWS, 3, i]
         integrate(T, jerk[:N], x0, rest, c[j, :, lead:])
-    return -1, knots, count, c
+    return -1, used, knots, count, c
 
 
 @inlined
-def _ramp(x: Array, r: float, after: float, c: Array) -> None:
-    """Write the first cubic, in which the acceleration of a state x (3,) changes in r [s]; x becomes the state after it."""
+def _add_piece(x: Array, h: float, jerk: float, i: int, knots: Array, c: Array) -> int:
+    """Write the i-th cubic, of a jerk for h [s] from a state x (3,), which becomes that after it; return the next index."""
+    if h < SAME_TIME:
+        return i
     q, v, a = x[0], x[1], x[2]
-    jerk = (after - a) / r
-    c[0, 0], c[1, 0], c[2, 0], c[3, 0] = jerk / 6.0, 0.5 * a, v, q
-    x[0], x[1], x[2] = q + r * (v + r * (0.5 * a + r * jerk / 6.0)), v + 0.5 * r * (a + after), after
+    c[0, i], c[1, i], c[2, i], c[3, i] = jerk / 6.0, 0.5 * a, v, q
+    x[0], x[1], x[2] = q + h * (v + h * (0.5 * a + h * jerk / 6.0)), v + h * (a + 0.5 * h * jerk), a + h * jerk
+    knots[i + 1] = knots[i] + h
+    return i + 1
+
+
+@inlined
+def _stop(x: Array, limits: Array, knots: Array, c: Array) -> int:
+    """Write the cubics of the shortest stop of a state x (3,), which becomes the rest after it; return their number.
+
+    No motion inside the limits goes further, so the joint stops inside its range if any motion stays there. The limits are used
+    wholly, as the running motion may use them.
+    """
+    down, up, knots[0] = -limits[3, 0] / (1.0 - SPARE), limits[3, 1] / (1.0 - SPARE), 0.0
+    then = x[1] + 0.5 * x[2] * abs(x[2]) / (down if x[2] > 0.0 else up)  # when the acceleration is ended
+    side = 1.0 if then > 0.0 else -1.0
+    first, last, most = (down, up, -limits[2, 0]) if then > 0.0 else (up, down, limits[2, 1])
+    v, a = side * x[1], side * x[2]
+    lost = v + 0.5 * a * a / first  # by the deceleration
+    peak = max(min(np.sqrt(2.0 * max(lost, 0.0) / (1.0 / first + 1.0 / last)), most / (1.0 - SPARE)), -a)
+    hold = (lost - 0.5 * peak * peak * (1.0 / first + 1.0 / last)) / max(peak, 1e-9)
+    i = _add_piece(x, (a + peak) / first, -side * first, 0, knots, c)
+    i = _add_piece(x, hold, 0.0, i, knots, c)
+    return _add_piece(x, peak / last, side * last, i, knots, c)
 
 
 @inlined

@@ -19,7 +19,7 @@ from planners.limits.base import sides
 from planners.retarget.certificate import certify_joined
 from planners.retarget.chunk import load_chunks
 from planners.retarget.cubics import JointCubics, integrate
-from planners.retarget.interior import make_factors, make_rows, make_stencils, minimise
+from planners.retarget.interior import MOST_STEPS, make_factors, make_rows, make_stencils, minimise
 from planners.retarget.pace import joint_rows, sweep
 from planners.retarget.reference import evaluate_reference, fit_reference, sample_reference
 from planners.retarget.tracking import make_objective
@@ -66,7 +66,8 @@ def draw(arm: str, rng: np.random.Generator) -> tuple[planners.Plan, float, Chun
     points += rng.normal(size=points.shape) * rng.choice([0.0, 1e-3, 3e-3])
     k = int(rng.integers(1, m - 2))
     points[k + 1] = points[k]
-    return plan, at, Chunk(points, rate, at - delay)
+    low, high = plan.robot.limits.lower - 0.09, plan.robot.limits.upper + 0.09  # further ones are refused
+    return plan, at, Chunk(np.clip(points, low, high), rate, at - delay)
 
 
 def samples(motion: planners.Trajectory, rate: float = 20e3) -> list[np.ndarray]:
@@ -408,7 +409,7 @@ def test_the_iteration_solves_the_quadratic_programme_of_scipy():
         f, A, H, g = random_programme(rng)
         size = g.size
         c = np.zeros(size)
-        steps = minimise((f, A), H, g, limits, c, np.empty((17, 4, size)))
+        steps = minimise((f, A), H, g, limits, c, np.empty((17, 4, size)), MOST_STEPS)
         bounded += steps > 0
         bands = [H[0], *(H[d, d:] for d in (1, 2, 3) for _ in range(2))]
         full = scipy.sparse.diags(bands, [0, -1, 1, -2, 2, -3, 3]).toarray()

@@ -127,6 +127,25 @@ def test_a_refused_motion_stops_the_stream_and_a_dry_run_is_refused(port):
             RosDrive(robot, transport).follow(stream(robot, Chunks(3.0), START, limits=LIMITS))
 
 
+def test_what_a_source_raises_is_the_fault_of_the_record_and_the_sent_motion_ends_at_rest(port, tmp_path):
+    robot, trace, chunks = optik.load("ur5e"), tmp_path / "trace", Chunks(9.0)
+
+    def source(now: Setpoint) -> Chunk | None:
+        if now.t > 0.6:
+            raise KeyError("camera")
+        return chunks(now)
+
+    url = f"ws://127.0.0.1:{port}/ok?id={uuid.uuid4()}&names={','.join(robot.joint_names)}"
+    url += f"&q={','.join(map(str, START))}&trace={trace}"
+    with RosbridgeTransport(url, timeout=20.0) as transport:
+        drive = RosDrive(robot, transport, execute=True, patience=20.0, latency=0.3)
+        done = drive.follow(stream(robot, source, START, rate=50.0, limits=LIMITS, budget=0.3))
+    assert not done and done.fault == "KeyError: 'camera'" and done.report.joined >= 1 and done.t[-1] > 0.9
+    q = commanded(trace, 0.01)
+    np.testing.assert_allclose(q[-1], done.setpoints[-1], atol=1e-6)
+    assert np.abs(q[-1] - q[-3]).max() < 1e-3 < np.abs(q[-1] - START).max()
+
+
 # ---------------------------------------------------------------- the command line
 
 

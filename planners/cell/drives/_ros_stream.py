@@ -9,7 +9,7 @@ import numpy as np
 from optik.errors import InvalidInput, NoSolution
 from optik.scene.messages import NANOSECONDS
 from planners.cell.drives._ros_run import RosOptions
-from planners.cell.drives._stream_record import StreamRecord
+from planners.cell.drives._stream_record import StreamRecord, make_record
 from planners.retarget.result import Retargeted
 from planners.retarget.stream import Stream
 from planners.ros.message import Form, message_of
@@ -55,7 +55,7 @@ def follow_by_goals(joints: JointStates, options: RosOptions, columns: dict[str,
         goals.append(transport.send(message | {"header": header}))
 
     stream.announce, rows = send, [(before.t, before.q, first)]
-    for now in stream:
+    for now in iter(stream.advance, None):
         rows.append((now.t, now.q, joints.read().q))
         k = next((k for k, goal in enumerate(goals) if goal.refused), None)
         if (transport.lost or k is not None) and not faults:
@@ -63,5 +63,4 @@ def follow_by_goals(joints: JointStates, options: RosOptions, columns: dict[str,
             stream.stop()
             for goal in goals[k + 1 :] if k is not None else ():
                 transport.cancel(goal)
-    t, setpoints, q = (np.array(x) for x in zip(*rows, strict=True))
-    return StreamRecord(t, setpoints, q, stream.report(), "; ".join(faults))
+    return make_record(rows, stream, "; ".join(faults))

@@ -19,7 +19,7 @@ from optik.types import Array, Flags
 from planners.cell.drives import _checks
 from planners.cell.drives._run import Commands, DriveRun, Steps, interpolate
 from planners.cell.drives._stop import refuse, resume_execution
-from planners.cell.drives._stream_record import StreamRecord
+from planners.cell.drives._stream_record import StreamRecord, make_record
 from planners.cell.drives.base import Drive, Execution, Moment, StopRequest, Watcher
 from planners.cell.drives.options import make_options
 from planners.cell.drives.setpoints import Setpoints, fit_periods, make_setpoints
@@ -166,7 +166,7 @@ class SimulatedDrive(Drive):
         if off[i] > self.options.start[i]:
             where = _checks.describe_start(self.robot, i, rows[0][2][i], before.q[i], self.options.start[i])
             raise InvalidInput("stream", where, "a stream that begins at the arm's present configuration")
-        for now in stream:
+        for now in iter(stream.advance, None):
             pair = (np.stack(two) for two in zip(before[1:4], now[1:4], strict=True))
             periods = round((now.t - before.t) / self.period)  # more than one if the loop missed a tick
             step = interpolate(
@@ -181,8 +181,7 @@ class SimulatedDrive(Drive):
                 fault = f"{self.robot.joint_names[i]} is {off[i]:.3g} off its set-point at t = {now.t:.6g} s"
                 stream.stop()
             before = now
-        t, setpoints, q = (np.array(x) for x in zip(*rows, strict=True))
-        return StreamRecord(t, setpoints, q, stream.report(), fault)
+        return make_record(rows, stream, fault)
 
     def _loop(self, run: DriveRun, stop_test: Callable[[float], bool], watch: Watcher | None) -> None:
         """Run all ticks: read the encoders, check for faults and stop requests, simulate one period."""

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from optik.types import Array
-from planners.retarget.stream import StreamReport
+from planners.retarget.stream import Stream, StreamReport
 
 
 class StreamRecord(NamedTuple):
@@ -22,7 +22,7 @@ class StreamRecord(NamedTuple):
     report : StreamReport
         What the stream did.
     fault : str
-        Why the stream was stopped; empty if it was not.
+        Why the stream was stopped, such as what its source raised; empty if it was not.
     """
 
     t: Array
@@ -38,3 +38,12 @@ class StreamRecord(NamedTuple):
     def error(self) -> Array:
         """Largest distance of each joint from its set-points (n,) [rad, m]."""
         return np.asarray(np.abs(self.q - self.setpoints).max(axis=0))
+
+
+def make_record(rows: list[tuple[float, Array, Array]], stream: Stream, fault: str) -> StreamRecord:
+    """Return the record of times, set-points and measured positions; a fault of the arm goes before one of the source."""
+    t, setpoints, q = (np.array(x) for x in zip(*rows, strict=True))
+    error = stream.error
+    return StreamRecord(
+        t, setpoints, q, stream.report(), fault or (f"{type(error).__name__}: {error}" if error else "")
+    )

@@ -227,7 +227,7 @@ class Drive(ABC):
         """
 
     def follow(self, stream: Stream) -> StreamRecord:
-        """Take the arm along a stream to its end at rest; stop the stream if a joint does not follow.
+        """Take the arm along a stream to its end at rest; stop the stream if a joint does not follow or its source raises.
 
         A simulated drive takes the set-points, one for each period. A drive of ROS sends each motion as it is joined.
 
@@ -239,7 +239,7 @@ class Drive(ABC):
         Returns
         -------
         StreamRecord
-            Set-points, measured positions, and the stream's report.
+            Set-points, measured positions, the stream's report, and the fault.
 
         Raises
         ------
