@@ -9,6 +9,7 @@ from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
+from optik import se3
 from optik.arm.plain import numbers_to_list, read_numbers
 from optik.arm.robot import Robot
 from optik.check import check_count, check_flag
@@ -30,6 +31,8 @@ IN_RANGE = 1e-9
 """Largest rounding error of a coordinate outside its range [as its unit]."""
 MOST_COEFFICIENTS = 1_000_000
 """Most coefficients of a coordinate."""
+BEGIN_STEPS = 12
+"""Newton steps to the coordinates at a start."""
 MOST_GUESSES = 20
 """Most initial guesses of the choice of the coefficients."""
 
@@ -151,6 +154,32 @@ class FreePath(PiecewisePath):
             The path.
         """
         return self._copy(self.spline.count, coefficients, null_space)
+
+    def begin_at(self, pose: Array) -> Self:
+        """Return the path that begins at a pose, or near it, by coordinates inside their ranges.
+
+        Parameters
+        ----------
+        pose : (4, 4) array
+            The tool's pose [1, m].
+
+        Returns
+        -------
+        FreePath
+            The path; control points that were equal to the first one are moved with it.
+        """
+        p, f = self.coefficients, self.coefficients[0].copy()
+        for _ in range(BEGIN_STEPS if f.size else 0):
+            T, fields = self.given.pose(np.zeros(1)).copy(), np.empty((1, f.size, 4, 6))
+            move_along(self.screws, np.stack([f, 0 * f, 0 * f, 0 * f])[None], T, np.zeros((1, 3, 6)), fields)
+            turns, moves = fields[0, :, 0, :3], fields[0, :, 0, 3:]
+            J = np.concatenate([moves + np.cross(turns, T[0, :3, 3]), turns], axis=1).T
+            f += np.linalg.lstsq(J, se3.error(T[0], pose), rcond=None)[0]
+        for kind in (kind for kind in self.kinds if kind.unit == "rad" and not kind.round):
+            at = self._columns[kind.name]
+            f[at] += 2.0 * np.pi * np.round((np.clip(f[at], *self.bounds[kind.name]) - f[at]) / (2.0 * np.pi))
+        moved = self.control_bounds.clip(np.tile(f, (len(p), 1)))
+        return self.with_coefficients(np.where(p == p[0], moved, p), self.null_space)
 
     @cached_property
     def control_bounds(self) -> ControlBounds:

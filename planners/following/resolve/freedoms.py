@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from time import perf_counter
 from typing import NamedTuple
 
 import numpy as np
@@ -64,7 +63,7 @@ class Resolver:
     collision : CollisionCheck or None
         The arm in its scene.
     time_limit : float
-        Computing time [s].
+        Computing time [s]; may be infinite.
     """
 
     def __init__(self, robot: Robot, path: Path, collision: CollisionCheck | None, time_limit: float) -> None:
@@ -98,7 +97,7 @@ class Resolver:
         assert isinstance(self.path, FreePath)
         for caution in range(MOST_CAUTION):
             for sequence, way in zip(found, ways, strict=True):
-                if caution and perf_counter() > self.sampler.deadline:
+                if caution and self.sampler.is_over:
                     return
                 chosen = self.relax(sequence, caution) if caution else way
                 for factor in MORE_COEFFICIENTS if self.path.counts_itself else (1.0,):

@@ -33,6 +33,13 @@ LEAST_REGULAR = 5e-3
 move far for a small change of the freedoms."""
 SAME_ROOT = 1e-5
 """Configurations nearer than this [rad, m] are one root of an arm with six joints."""
+GIVEN_DRAWS = 0.25
+"""Guesses with the freedoms at their given values, for each random guess of freedoms."""
+INSIDE_DISC = 1e-9
+"""Fraction of a disc's radius by which a value moved into it is inside: above rounding."""
+MOST_WORK, DRAW_WORK = 1_500_000, 8
+"""Configurations that are moved or judged in one search, and as how many of them a random guess counts: both take about 10 s on
+one core among few obstacles."""
 
 
 class Layer(NamedTuple):
@@ -60,7 +67,7 @@ class Sampler:
     collision : CollisionCheck or None
         The arm in its scene.
     time_limit : float
-        Computing time [s] after which no more configurations are sought.
+        Computing time [s] after which no more configurations are sought, beside the budget of work; may be infinite.
     discs : tuple of (int, float)
         First of two joints whose values lie in a disc, and its radius.
     """
@@ -72,13 +79,16 @@ class Sampler:
         limits = arm.limits
         self.arm, self._own, self._collision, self._discs = arm, own, collision, discs
         self.redundant = arm.n > 6
-        single = arm if arm.motors is None else replace(arm, motors=None)  # `allows` knows the motors
-        self._solver = make_solver(single, "lm", max_restarts=2)
+        self.work, self.met, self._is_free = 0, False, arm.n > own.n
+        single, given = (one if one.motors is None else replace(one, motors=None) for one in (arm, own))
+        self._solver, self._given = (make_solver(one, "lm", max_restarts=2) for one in (single, given))  # see `allows`
         poses = path.pose(SEED_STATIONS * path.end).round(6) + 0.0
         self.rng = np.random.default_rng([int(arm.fingerprint, 16), zlib.crc32(poses.tobytes())])
         self.circle: Flags = ~arm.prismatic & (limits.upper - limits.lower > CIRCLE_RANGE) & (own.motors is None)
         self._low = np.where(self.circle | np.isinf(limits.lower), -np.pi, limits.lower)
         self._high = np.where(self.circle | np.isinf(limits.upper), np.pi, limits.upper)
+        self._range = [np.where(self.circle, side * np.inf, x)[own.n :] for side, x in ((-1.0, limits.lower), (1.0, limits.upper))]
+        self._values = np.clip(0.0, *self._range)
         speed = np.full(arm.n, np.inf) if limits.velocity is None else limits.velocity
         known, real = np.isfinite(speed), np.arange(arm.n) < own.n
         self.slowness: Array = np.where(known, 1.0 / np.where(known, speed, 1.0), 0.0)
@@ -86,8 +96,15 @@ class Sampler:
         weights = np.where(real, np.where(known, (self.slowness / typical) ** 2, 1.0), FREEDOM_WEIGHT)
         self.weights: Array = np.maximum(weights, LEAST_WEIGHT)
         # A kernel that is not compiled yet takes half a minute, which does not count.
-        self._solver.solve_batch(arm.fk(limits.middle[None]), limits.middle[None], threads=1)
-        self.deadline = perf_counter() + time_limit
+        for solver, middle in ((self._solver, limits.middle), (self._given, own.limits.middle)):
+            solver.solve_batch(solver.robot.fk(middle[None]), middle[None], threads=1)
+        self._deadline = perf_counter() + time_limit
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the budget of work is spent, or the computing time over, which is noted."""
+        self.met = self.met or perf_counter() > self._deadline
+        return self.met or self.work > MOST_WORK
 
     def wind(self, q: Array) -> Array:
         """Return configurations with the values of turning joints in [−π, π] where these are on the circle."""
@@ -127,15 +144,38 @@ class Sampler:
 
     def draw(self, poses: Array, count: int) -> list[Array]:
         """Return configurations of each pose (k, 4, 4) from so many random guesses."""
-        starts = self._low + (self._high - self._low) * self.rng.random((len(poses) * count, self.arm.n))
-        targets = np.repeat(poses, count, axis=0)
-        found = self._solver.solve_batch(targets, starts, threads=1)
-        solved = np.flatnonzero(found.solved)
-        q, ok = self.project(found.q[solved], targets[solved], 3)
-        own = solved // count
-        q, own = self.wind(q[ok]), own[ok]
-        layers = [q[own == k] for k in range(len(poses))]
+        layers = [np.empty((0, self.arm.n))] * len(poses)
+        for solver, number in ((self._solver, count), (self._given, int(GIVEN_DRAWS * count)))[: 1 + self._is_free]:
+            n, self.work = solver.robot.n, self.work + DRAW_WORK * number * len(poses)
+            starts = self._low[:n] + (self._high - self._low)[:n] * self.rng.random((len(poses) * number, n))
+            targets = np.repeat(poses, number, axis=0)
+            values = np.tile(self._values, (len(starts), 1))[:, : self.arm.n - n]
+            at = targets if n == self.arm.n else self._tool_poses(values, targets)
+            found = solver.solve_batch(at, starts, threads=1)
+            solved = np.flatnonzero(found.solved)
+            q, ok = self.project(np.concatenate([found.q, values], axis=1)[solved], targets[solved], 3)
+            q, own = self.wind(q[ok]), (solved // number)[ok]
+            layers = [np.concatenate([layer, q[own == k]]) for k, layer in enumerate(layers)]
         return layers if self.redundant else [keep_different(layer, SAME_ROOT, 0.0) for layer in layers]
+
+    def _tool_poses(self, values: Array, poses: Array) -> Array:
+        """Return the poses (k, 4, 4) of the arm's own tool with values of the freedoms (k, d) at poses of the path."""
+        middle = np.tile(self._own.limits.middle, (len(values), 1))
+        moved = self.arm.fk(np.concatenate([middle, values], axis=1))
+        return np.ascontiguousarray(poses @ np.linalg.inv(moved) @ self._own.fk(middle))
+
+    def _confine(self, q: Array, poses: Array, steps: int) -> None:
+        """Move freedoms, in place, into their ranges and discs; the arm's own joints then reach the poses."""
+        n = self._own.n
+        values = np.clip(q[:, n:], *self._range)
+        for at, radius in self._discs:
+            size = np.linalg.norm(values[:, at - n : at - n + 2], axis=1, keepdims=True)
+            values[:, at - n : at - n + 2] *= np.minimum(1.0, (1.0 - INSIDE_DISC) * radius / np.maximum(size, 1e-300))
+        out = np.flatnonzero((values != q[:, n:]).any(axis=1))
+        if out.size:
+            own = np.ascontiguousarray(q[out, :n])
+            newton.polish_batch(self._own.chain, own, self._tool_poses(values[out], poses[out]), steps)
+            q[out] = np.concatenate([own, values[out]], axis=1)
 
     def project(self, q: Array, poses: Array, steps: int = 8) -> tuple[Array, Flags]:
         """Return configurations moved onto poses by steps of least norm, and which of them arrive and are allowed."""
@@ -144,6 +184,8 @@ class Sampler:
         if not len(q):
             return q, np.zeros(0, np.bool_)
         newton.polish_batch(self.arm.chain, q, poses, steps)
+        self._confine(q, poses, steps)
+        self.work += len(q)
         return q, (np.abs(self.arm.pose_errors(q, poses)).max(axis=1) < STATION_REACHED) & self.allows(q)
 
     def project_slowly(self, q: Array, poses: Array) -> tuple[Array, Flags]:
@@ -158,6 +200,7 @@ class Sampler:
 
     def judge(self, q: Array) -> Layer:
         """Return the configurations that are free of contact and regular, with their costs."""
+        self.work += len(q)
         room, sigma, sides = self.rooms(q), *self.regularity(q)
         kept = (room > 0.0) & (sigma > (0.0 if self._own.n == self.arm.n > 6 else LEAST_REGULAR))
         q, room, sigma, sides = q[kept], room[kept], sigma[kept], sides[kept]
