@@ -31,8 +31,8 @@ IN_RANGE = 1e-9
 """Largest rounding error of a coordinate outside its range [as its unit]."""
 MOST_COEFFICIENTS = 1_000_000
 """Most coefficients of a coordinate."""
-BEGIN_STEPS = 12
-"""Newton steps to the coordinates at a start."""
+BEGIN_STEPS, NEARLY = 12, 1e-5
+"""Newton steps to the coordinates at a start, and the fraction of a turn that is rounding there."""
 MOST_GUESSES = 20
 """Most initial guesses of the choice of the coefficients."""
 
@@ -111,7 +111,7 @@ class FreePath(PiecewisePath):
         self.spline, self.null_space = ControlCurve(path.end, count), null_space
         self.kinds: tuple[Freedom, ...] = tuple(loaded_freedom(name) for name in self.bounds)
         ends = np.cumsum([0, *(len(kind.screws) for kind in self.kinds)]).tolist()
-        self._columns = {kind.name: slice(*at) for kind, at in zip(self.kinds, pairwise(ends), strict=True)}
+        self.columns = {kind.name: slice(*at) for kind, at in zip(self.kinds, pairwise(ends), strict=True)}
         self.screws: Array = np.array([screw for kind in self.kinds for screw in kind.screws]).reshape(-1, 6)
         nearest = np.array([np.clip(0.0, *self.bounds[kind.name]) for kind in self.kinds for _ in kind.screws])
         start = np.tile(nearest, (count, 1)) if coefficients is None else coefficients
@@ -176,8 +176,11 @@ class FreePath(PiecewisePath):
             J = np.concatenate([moves + np.cross(turns, T[0, :3, 3]), turns], axis=1).T
             f += np.linalg.lstsq(J, se3.error(T[0], pose), rcond=None)[0]
         for kind in (kind for kind in self.kinds if kind.unit == "rad" and not kind.round):
-            at = self._columns[kind.name]
-            f[at] += 2.0 * np.pi * np.round((np.clip(f[at], *self.bounds[kind.name]) - f[at]) / (2.0 * np.pi))
+            at = self.columns[kind.name]
+            below, above = ((x - f[at]) / (2.0 * np.pi) for x in self.bounds[kind.name])
+            f[at] += (
+                2.0 * np.pi * (np.maximum(np.ceil(below - NEARLY), 0.0) + np.minimum(np.floor(above + NEARLY), 0.0))
+            )
         moved = self.control_bounds.clip(np.tile(f, (len(p), 1)))
         return self.with_coefficients(np.where(p == p[0], moved, p), self.null_space)
 
@@ -187,7 +190,7 @@ class FreePath(PiecewisePath):
         shape, discs = self.coefficients.shape, []
         lower, upper = np.full(shape, -np.inf), np.full(shape, np.inf)
         for kind in self.kinds:
-            (low, high), at = self.bounds[kind.name], self._columns[kind.name]
+            (low, high), at = self.bounds[kind.name], self.columns[kind.name]
             if kind.round:
                 discs.append((at.start, high))
             else:
@@ -267,7 +270,7 @@ class FreePath(PiecewisePath):
         """Return what the range of a freedom bounds (k, ·), of coordinates (k, d) and changes of the null space (k, r)."""
         if not kind.screws:  # of an elbow: the distance from the initial joint path
             return change
-        own = f[:, self._columns[kind.name]]
+        own = f[:, self.columns[kind.name]]
         return np.linalg.norm(own, axis=1, keepdims=True) if kind.round else own
 
     @property

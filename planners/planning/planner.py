@@ -106,12 +106,13 @@ class MotionPlanner:
         resolver = Resolver(robot, path, None if scene is None else CollisionCheck(robot, scene), self.time_limit)
         q = None if q_start is None else check_start(robot, q_start, "q_start")
         count = 1 if held or path.segments > FEW_SEGMENTS else max(path.starts - 1, 1)
+        if followed:
+            ways, made = resolver.guess(count)
+            return path, followed._replace(resolution=made), ways
         for many in (False, True):
             sequences, made = resolver.find(q, held=held, many=many, count=count)
             first = [parts[0] for parts in sequences]
             ways = [resolver.relax(one) for one in first]
-            if followed:
-                return path, followed._replace(resolution=made), ways[: path.starts - 1]
             for candidate, way in resolver.candidates(first, ways):
                 found = self.follow_from(candidate, way.q[0], scene, way.joints)
                 if found:
@@ -125,12 +126,12 @@ class MotionPlanner:
         A start that is held keeps its own turn and tilt, if they are allowed; one that is free is moved to those of the path.
         """
         robot, pose, q = self.request.robot, path.pose(0.0), check_start(self.request.robot, q_start, "q_start")
-        if np.abs(robot.pose_errors(q, pose)).max() <= START_TOLERANCE or not self.solver.task.is_pose:
-            return path, q, None
+        given = np.abs(robot.pose_errors(q, pose)).max() <= START_TOLERANCE or not self.solver.task.is_pose
         if not path.hold_start:
-            return path, found.q if (found := self.solver.solve(pose, q)) else q, None
-        begun = path.begin_at(robot.fk(q))
-        if np.abs(robot.pose_errors(q, begun.pose(0.0))).max() > START_TOLERANCE:
+            return path, q if given or not (found := self.solver.solve(pose, q)) else found.q, None
+        begun = path if given else path.begin_at(robot.fk(q))
+        off = np.abs(robot.pose_errors(q, begun.pose(0.0))).max()
+        if off > START_TOLERANCE or (given and ("elbow" not in path.bounds or self.request.avoid is not False)):
             return path, q, None
         chosen = self.run(None, None, duration)
         same = chosen.has_motion and np.abs(chosen.trajectory(0.0) - q).max() <= START_TOLERANCE
@@ -147,8 +148,6 @@ class MotionPlanner:
 
     def follow_from(self, path: Path, q: Array, scene: Scene | None, way: Sequence | None = None) -> FollowResult:
         """Return the joint path from a computed start, after it is moved exactly onto the path and into the limits."""
-        if path.in_joints:
-            return self.follow(path, None, None, scene)
         robot, pose, start = self.request.robot, path.pose(np.zeros(1)), np.array(q[None])
         newton.polish_batch(robot.chain, start, pose, START_STEPS)
         start = robot.limits.clip(start)

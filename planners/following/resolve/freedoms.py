@@ -23,6 +23,10 @@ SAMPLES_PER_COEFFICIENT = 4
 """Values of a coordinate for each coefficient that is fitted to it."""
 MORE_COEFFICIENTS = (1.0, 1.5, 2.5, 5.0)
 """Numbers of coefficients, over that of the path, that are fitted until one can be followed."""
+GUESSES: tuple[tuple[dict[str, float], int], ...] = (({"turn": np.inf}, 5), ({"turn": np.inf, "tilt": 0.3}, 3))
+"""Freedoms [rad] with which sequences are found for the choice, and how many."""
+ENDS, SAME_WAY = [0, -1], 0.1
+"""Sequences whose configurations at both ends are nearer than this [rad, m] are one guess."""
 MOST_CAUTION = 3
 """Degrees of caution of the relaxation that are tried."""
 
@@ -72,6 +76,7 @@ class Resolver:
         self.path, self.given = path, path.given if isinstance(path, FreePath) else path
         self.n, self.arm = robot.n, extend(robot, freedoms)
         self._columns, discs = columns_of(robot, freedoms)
+        self._time_limit = time_limit
         self.sampler = Sampler(self.arm, robot, self.given, collision, time_limit, discs)
         self._held = False
 
@@ -86,6 +91,33 @@ class Resolver:
         found, made = resolve(self.sampler, self.given, start, held=held, many=many, count=count, cuts=cuts)
         self._held = held
         return found if made.stuck is None else [], made
+
+    def guess(self, count: int) -> tuple[list[FreeWay], Resolution]:
+        """Return sequences for the choice of the coefficients, moved into the ranges of the freedoms.
+
+        They are found with a free turn, and where it is free with a tilt, too, whatever the ranges are: more freedom has the
+        guesses of less, and chooses nothing worse.
+        """
+        path, ways = self.path, list[FreeWay]()
+        assert isinstance(path, FreePath)
+        for kinds, most in GUESSES if "tilt" in path.bounds else GUESSES[:1]:
+            wide = FreePath(self.given, {kind: (-top, top) for kind, top in kinds.items()})
+            resolver = Resolver(self.sampler.own, wide, self.sampler.collision, self._time_limit)
+            found, made = resolver.find(None, held=False, many=False, count=min(most, count))
+            for parts in [] if made.limited else found:  # what the clock has cut off must not decide
+                way = self._enter(wide, resolver.relax(parts[0]))
+                if way is not None and all(np.abs(way.q[ENDS] - one.q[ENDS]).max() > SAME_WAY for one in ways):
+                    ways.append(way)
+        return ways, made
+
+    def _enter(self, wide: FreePath, way: FreeWay) -> FreeWay | None:
+        """Return a sequence of a path with wide freedoms moved into the ranges of this path; None if the arm cannot follow."""
+        assert isinstance(self.path, FreePath)
+        f = np.tile(self.path.coefficients[:1], (len(way.s), 1))
+        for name in wide.bounds.keys() & self.path.bounds.keys():
+            f[:, self.path.columns[name]] = way.f[:, wide.columns[name]]
+        q, ok = self.sampler.project(np.append(way.q, f[:, np.argsort(self._columns)], axis=1), self.given.pose(way.s))
+        return FreeWay(way.s, q[:, : self.n], q[:, self._columns]) if ok.all() else None
 
     def relax(self, sequence: Sequence, caution: int = 0) -> FreeWay:
         """Return a sequence with a shorter motion."""

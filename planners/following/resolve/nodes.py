@@ -19,6 +19,7 @@ from planners.following.collision import CollisionCheck
 from planners.following.joint_path import smallest_singular_values
 from planners.following.smoothing import BARRIER_WEIGHT, LOG_EDGE, STATION_REACHED
 from planners.paths.base import Path
+from planners.paths.control_curve import ControlBounds
 
 SEED_STATIONS = np.linspace(0.0, 1.0, 5)
 """Fractions of the path whose poses, to a micrometre, seed the random numbers."""
@@ -33,10 +34,9 @@ LEAST_REGULAR = 5e-3
 move far for a small change of the freedoms."""
 SAME_ROOT = 1e-5
 """Configurations nearer than this [rad, m] are one root of an arm with six joints."""
-GIVEN_DRAWS = 0.25
-"""Guesses with the freedoms at their given values, for each random guess of freedoms."""
-INSIDE_DISC = 1e-9
-"""Fraction of a disc's radius by which a value moved into it is inside: above rounding."""
+EACH_GIVEN, INSIDE_DISC = 4, 1.0 - 1e-9
+"""Of so many guesses one has the freedoms at their given values; and the fraction of a disc's radius up to which values are
+moved into it: below rounding."""
 MOST_WORK, DRAW_WORK = 1_500_000, 8
 """Configurations that are moved or judged in one search, and as how many of them a random guess counts: both take about 10 s on
 one core among few obstacles."""
@@ -77,18 +77,18 @@ class Sampler:
         discs: tuple[tuple[int, float], ...] = (),
     ) -> None:  # fmt: skip
         limits = arm.limits
-        self.arm, self._own, self._collision, self._discs = arm, own, collision, discs
+        self.arm, self.own, self.collision, self._discs = arm, own, collision, discs
         self.redundant = arm.n > 6
-        self.work, self.met, self._is_free = 0, False, arm.n > own.n
-        single, given = (one if one.motors is None else replace(one, motors=None) for one in (arm, own))
-        self._solver, self._given = (make_solver(one, "lm", max_restarts=2) for one in (single, given))  # see `allows`
+        self.work, self.met = 0, False
+        single = arm if arm.motors is None else replace(arm, motors=None)  # `allows` knows the motors
+        self._solver = make_solver(single, "lm", max_restarts=2)
         poses = path.pose(SEED_STATIONS * path.end).round(6) + 0.0
         self.rng = np.random.default_rng([int(arm.fingerprint, 16), zlib.crc32(poses.tobytes())])
         self.circle: Flags = ~arm.prismatic & (limits.upper - limits.lower > CIRCLE_RANGE) & (own.motors is None)
         self._low = np.where(self.circle | np.isinf(limits.lower), -np.pi, limits.lower)
         self._high = np.where(self.circle | np.isinf(limits.upper), np.pi, limits.upper)
-        self._range = [np.where(self.circle, side * np.inf, x)[own.n :] for side, x in ((-1.0, limits.lower), (1.0, limits.upper))]
-        self._values = np.clip(0.0, *self._range)
+        low, high = (np.where(self.circle, x, y)[own.n :] for x, y in ((-np.inf, limits.lower), (np.inf, limits.upper)))
+        self._freedoms = ControlBounds(low, high, tuple((at - own.n, INSIDE_DISC * radius) for at, radius in discs))
         speed = np.full(arm.n, np.inf) if limits.velocity is None else limits.velocity
         known, real = np.isfinite(speed), np.arange(arm.n) < own.n
         self.slowness: Array = np.where(known, 1.0 / np.where(known, speed, 1.0), 0.0)
@@ -96,8 +96,7 @@ class Sampler:
         weights = np.where(real, np.where(known, (self.slowness / typical) ** 2, 1.0), FREEDOM_WEIGHT)
         self.weights: Array = np.maximum(weights, LEAST_WEIGHT)
         # A kernel that is not compiled yet takes half a minute, which does not count.
-        for solver, middle in ((self._solver, limits.middle), (self._given, own.limits.middle)):
-            solver.solve_batch(solver.robot.fk(middle[None]), middle[None], threads=1)
+        self._solver.solve_batch(arm.fk(limits.middle[None]), limits.middle[None], threads=1)
         self._deadline = perf_counter() + time_limit
 
     @property
@@ -123,59 +122,49 @@ class Sampler:
 
     def rooms(self, q: Array) -> Array:
         """Return the rooms (k,) of configurations [m]; infinite without a scene."""
-        if self._collision is None or not len(q):
+        if self.collision is None or not len(q):
             return np.full(len(q), np.inf)
-        return self._collision.find_rooms(np.ascontiguousarray(q[:, : self._own.n]))
+        return self.collision.find_rooms(np.ascontiguousarray(q[:, : self.own.n]))
 
     def name_contact(self, q: Array) -> str:
         """Return the pair that is in contact at most of the configurations (k, n), in words."""
-        assert self._collision is not None
-        pairs = Counter(self._collision.name_pair(x) for x in q[:, : self._own.n])
+        assert self.collision is not None
+        pairs = Counter(self.collision.name_pair(x) for x in q[:, : self.own.n])
         return pairs.most_common(1)[0][0]
 
     def allows(self, q: Array) -> Flags:
         """Return which configurations are inside the limits and the discs of their freedoms."""
         inside = ((q >= self.arm.limits.lower) & (q <= self.arm.limits.upper) | self.circle).all(axis=1)
-        if self._own.motors is not None:
-            inside = inside & self._own.limits.contains(q[:, : self._own.n])
+        if self.own.motors is not None:
+            inside = inside & self.own.limits.contains(q[:, : self.own.n])
         for at, radius in self._discs:
             inside = inside & (np.linalg.norm(q[:, at : at + 2], axis=1) <= radius)
         return np.asarray(inside)
 
     def draw(self, poses: Array, count: int) -> list[Array]:
-        """Return configurations of each pose (k, 4, 4) from so many random guesses."""
-        layers = [np.empty((0, self.arm.n))] * len(poses)
-        for solver, number in ((self._solver, count), (self._given, int(GIVEN_DRAWS * count)))[: 1 + self._is_free]:
-            n, self.work = solver.robot.n, self.work + DRAW_WORK * number * len(poses)
-            starts = self._low[:n] + (self._high - self._low)[:n] * self.rng.random((len(poses) * number, n))
-            targets = np.repeat(poses, number, axis=0)
-            values = np.tile(self._values, (len(starts), 1))[:, : self.arm.n - n]
-            at = targets if n == self.arm.n else self._tool_poses(values, targets)
-            found = solver.solve_batch(at, starts, threads=1)
-            solved = np.flatnonzero(found.solved)
-            q, ok = self.project(np.concatenate([found.q, values], axis=1)[solved], targets[solved], 3)
-            q, own = self.wind(q[ok]), (solved // number)[ok]
-            layers = [np.concatenate([layer, q[own == k]]) for k, layer in enumerate(layers)]
+        """Return configurations of each pose (k, 4, 4) from so many random guesses, some with the freedoms' given values."""
+        starts = self._low + (self._high - self._low) * self.rng.random((len(poses) * count, self.arm.n))
+        starts[::EACH_GIVEN, self.own.n :] = self._freedoms.clip(np.zeros((1, self.arm.n - self.own.n)))
+        targets = np.repeat(poses, count, axis=0)
+        self.work += DRAW_WORK * len(starts)
+        found = self._solver.solve_batch(targets, starts, threads=1)
+        solved = np.flatnonzero(found.solved)
+        q, ok = self.project(found.q[solved], targets[solved], 3)
+        own = solved // count
+        q, own = self.wind(q[ok]), own[ok]
+        layers = [q[own == k] for k in range(len(poses))]
         return layers if self.redundant else [keep_different(layer, SAME_ROOT, 0.0) for layer in layers]
-
-    def _tool_poses(self, values: Array, poses: Array) -> Array:
-        """Return the poses (k, 4, 4) of the arm's own tool with values of the freedoms (k, d) at poses of the path."""
-        middle = np.tile(self._own.limits.middle, (len(values), 1))
-        moved = self.arm.fk(np.concatenate([middle, values], axis=1))
-        return np.ascontiguousarray(poses @ np.linalg.inv(moved) @ self._own.fk(middle))
 
     def _confine(self, q: Array, poses: Array, steps: int) -> None:
         """Move freedoms, in place, into their ranges and discs; the arm's own joints then reach the poses."""
-        n = self._own.n
-        values = np.clip(q[:, n:], *self._range)
-        for at, radius in self._discs:
-            size = np.linalg.norm(values[:, at - n : at - n + 2], axis=1, keepdims=True)
-            values[:, at - n : at - n + 2] *= np.minimum(1.0, (1.0 - INSIDE_DISC) * radius / np.maximum(size, 1e-300))
+        n = self.own.n
+        values = self._freedoms.clip(q[:, n:])
         out = np.flatnonzero((values != q[:, n:]).any(axis=1))
         if out.size:
-            own = np.ascontiguousarray(q[out, :n])
-            newton.polish_batch(self._own.chain, own, self._tool_poses(values[out], poses[out]), steps)
-            q[out] = np.concatenate([own, values[out]], axis=1)
+            own, middle = np.array(q[out, :n], order="C"), np.tile(self.own.limits.middle, (out.size, 1))
+            moved = np.linalg.solve(self.arm.fk(np.append(middle, values[out], axis=1)), self.own.fk(middle))
+            newton.polish_batch(self.own.chain, own, np.ascontiguousarray(poses[out] @ moved), steps)
+            q[out] = np.append(own, values[out], axis=1)
 
     def project(self, q: Array, poses: Array, steps: int = 8) -> tuple[Array, Flags]:
         """Return configurations moved onto poses by steps of least norm, and which of them arrive and are allowed."""
@@ -202,7 +191,7 @@ class Sampler:
         """Return the configurations that are free of contact and regular, with their costs."""
         self.work += len(q)
         room, sigma, sides = self.rooms(q), *self.regularity(q)
-        kept = (room > 0.0) & (sigma > (0.0 if self._own.n == self.arm.n > 6 else LEAST_REGULAR))
+        kept = (room > 0.0) & (sigma > (0.0 if self.own.n == self.arm.n > 6 else LEAST_REGULAR))
         q, room, sigma, sides = q[kept], room[kept], sigma[kept], sides[kept]
         x = np.minimum(np.abs(self.arm.limits.normalise(q)), LOG_EDGE)
         x = np.where(self.circle, 0.0, x)
@@ -211,6 +200,6 @@ class Sampler:
 
     def regularity(self, q: Array) -> tuple[Array, Array]:
         """Return the smallest singular values (k,) of the arm without freedoms, which follows the path, and the sides (k,)."""
-        own = np.ascontiguousarray(q[:, : self._own.n])
-        sides = np.sign(np.linalg.det(self._own.jacobian(own))) if self._own.n == 6 else np.zeros(len(q))
-        return smallest_singular_values(self._own, own), sides
+        own = np.ascontiguousarray(q[:, : self.own.n])
+        sides = np.sign(np.linalg.det(self.own.jacobian(own))) if self.own.n == 6 else np.zeros(len(q))
+        return smallest_singular_values(self.own, own), sides
