@@ -102,8 +102,9 @@ def read_time_limit(resolve: str, time_limit: float | None) -> float:
     """Return the computing time [s] of a resolution of the whole path, infinite without a limit, 0 if there is none."""
     if not isinstance(resolve, str) or resolve not in RESOLVES:
         raise InvalidInput("resolve", repr(resolve)[:60], " or ".join(f'"{name}"' for name in RESOLVES))
-    allowed = "seconds above 0, or None"
-    seconds = np.inf if time_limit is None else check_number(time_limit, "time_limit", allowed, above=0.0)
+    seconds = np.inf
+    if time_limit is not None:
+        seconds = check_number(time_limit, "time_limit", "seconds above 0, or None", above=0.0)
     return seconds if resolve == "auto" else 0.0
 
 

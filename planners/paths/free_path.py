@@ -31,8 +31,8 @@ IN_RANGE = 1e-9
 """Largest rounding error of a coordinate outside its range [as its unit]."""
 MOST_COEFFICIENTS = 1_000_000
 """Most coefficients of a coordinate."""
-BEGIN_STEPS, NEARLY = 12, 1e-5
-"""Newton steps to the coordinates at a start, and the fraction of a turn that is rounding there."""
+BEGIN_STEPS, NEARLY = 12, 1e-4
+"""Newton steps to the coordinates at a start, and the distance [rad, m] from a range that is rounding there."""
 MOST_GUESSES = 20
 """Most initial guesses of the choice of the coefficients."""
 
@@ -168,19 +168,16 @@ class FreePath(PiecewisePath):
         FreePath
             The path; control points that were equal to the first one are moved with it.
         """
-        p, f = self.coefficients, self.coefficients[0].copy()
+        p, f, turn = self.coefficients, self.coefficients[0].copy(), 2.0 * np.pi
         for _ in range(BEGIN_STEPS if f.size else 0):
             T, fields = self.given.pose(np.zeros(1)).copy(), np.empty((1, f.size, 4, 6))
             move_along(self.screws, np.stack([f, 0 * f, 0 * f, 0 * f])[None], T, np.zeros((1, 3, 6)), fields)
             turns, moves = fields[0, :, 0, :3], fields[0, :, 0, 3:]
             J = np.concatenate([moves + np.cross(turns, T[0, :3, 3]), turns], axis=1).T
             f += np.linalg.lstsq(J, se3.error(T[0], pose), rcond=None)[0]
-        for kind in (kind for kind in self.kinds if kind.unit == "rad" and not kind.round):
-            at = self.columns[kind.name]
-            below, above = ((x - f[at]) / (2.0 * np.pi) for x in self.bounds[kind.name])
-            f[at] += (
-                2.0 * np.pi * (np.maximum(np.ceil(below - NEARLY), 0.0) + np.minimum(np.floor(above + NEARLY), 0.0))
-            )
+        low, high = self.control_bounds.lower[0] - NEARLY, self.control_bounds.upper[0] + NEARLY
+        whole = np.maximum(np.ceil((low - f) / turn), 0.0) + np.minimum(np.floor((high - f) / turn), 0.0)
+        f += turn * self.screws[:, 3:].any(axis=1) * whole
         moved = self.control_bounds.clip(np.tile(f, (len(p), 1)))
         return self.with_coefficients(np.where(p == p[0], moved, p), self.null_space)
 

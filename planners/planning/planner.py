@@ -101,7 +101,7 @@ class MotionPlanner:
         resolvable = can_resolve(path) and self.time_limit > 0.0 and not (held and branch == "best")
         followed = self.follow(path, q_start, branch, scene, time_limit=0.0 if resolvable else self.time_limit)
         beyond = followed.status not in MAY_CHANGE or (held and followed.joint_path is None)
-        if not resolvable or (held if followed else beyond):
+        if not resolvable or (held or path.starts == 1 if followed else beyond):
             return path, followed, []
         resolver = Resolver(robot, path, None if scene is None else CollisionCheck(robot, scene), self.time_limit)
         q = None if q_start is None else check_start(robot, q_start, "q_start")
@@ -153,8 +153,10 @@ class MotionPlanner:
         start = robot.limits.clip(start)
         if np.abs(robot.pose_errors(start, pose)).max() <= START_TOLERANCE and robot.limits.contains(start).all():
             return self.follow(path, start[0], "start", scene, way)
-        reason = "the start that was computed is not on the path inside the limits"
-        return FollowResult(None, PlanFailure(FollowStatus.OUTSIDE_LIMITS, 0.0, None, reason, ""))
+        off = PlanFailure(
+            FollowStatus.OUTSIDE_LIMITS, 0.0, None, "no start inside the limits is on the chosen path", ""
+        )
+        return FollowResult(None, off)
 
     def time(
         self, path: Path, followed: FollowResult, duration: float | None, density: float = 1.0

@@ -74,8 +74,8 @@ class Resolution(NamedTuple):
         count = "no reconfiguration" if not self.cuts else f"reconfigurations: {len(self.cuts)},{at}"
         count = count if self.stuck is None else f"none goes on at s = {self.stuck[1]:.4g}"
         what = "resolved" if self.stuck is None else "searched"
-        limited = ", ended by time_limit" if self.limited else ""
-        return f"  {what}: {self.layers} layers, {self.nodes} configurations, {count}, {self.seconds:.2g} s{limited}"
+        count += ", ended by time_limit" if self.limited else ""
+        return f"  {what}: {self.layers} layers, {self.nodes} configurations, {count}, {self.seconds:.2g} s"
 
 
 def spread_layers(path: Path, least: int, most: int) -> Array:
@@ -105,9 +105,8 @@ def resolve(
     nodes = sum(len(layer.q) for layer in graph.layers)
     at = tuple(float(part.s[0]) for part in found[0][1:]) if found and stuck is None else ()
     why = _explain(sampler, path, stuck) if stuck is not None and many else ("", False)
-    seconds = perf_counter() - begun
-    counts = len(graph.layers), nodes, graph.inserted, graph.rounds
-    return found, Resolution(*counts, seconds, stuck, at, *why, limited=sampler.met)
+    took = perf_counter() - begun
+    return found, Resolution(len(graph.layers), nodes, graph.inserted, graph.rounds, took, stuck, at, *why, sampler.met)
 
 
 def _explain(sampler: Sampler, path: Path, stuck: tuple[float, float]) -> tuple[str, bool]:

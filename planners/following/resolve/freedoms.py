@@ -104,20 +104,19 @@ class Resolver:
             wide = FreePath(self.given, {kind: (-top, top) for kind, top in kinds.items()})
             resolver = Resolver(self.sampler.own, wide, self.sampler.collision, self._time_limit)
             found, made = resolver.find(None, held=False, many=False, count=min(most, count))
-            for parts in [] if made.limited else found:  # what the clock has cut off must not decide
-                way = self._enter(wide, resolver.relax(parts[0]))
-                if way is not None and all(np.abs(way.q[ENDS] - one.q[ENDS]).max() > SAME_WAY for one in ways):
+            if made.limited:  # what the clock has cut off must not decide
+                break
+            for s, q, f in (resolver.relax(parts[0]) for parts in found):
+                values = np.tile(path.coefficients[:1], (len(s), 1))
+                for name in wide.bounds.keys() & path.bounds.keys():
+                    values[:, path.columns[name]] = f[:, wide.columns[name]]
+                q, ok = self.sampler.project(
+                    np.append(q, values[:, np.argsort(self._columns)], axis=1), self.given.pose(s)
+                )
+                way = FreeWay(s, q[:, : self.n], q[:, self._columns])
+                if ok.all() and all(np.abs(way.q[ENDS] - one.q[ENDS]).max() > SAME_WAY for one in ways):
                     ways.append(way)
         return ways, made
-
-    def _enter(self, wide: FreePath, way: FreeWay) -> FreeWay | None:
-        """Return a sequence of a path with wide freedoms moved into the ranges of this path; None if the arm cannot follow."""
-        assert isinstance(self.path, FreePath)
-        f = np.tile(self.path.coefficients[:1], (len(way.s), 1))
-        for name in wide.bounds.keys() & self.path.bounds.keys():
-            f[:, self.path.columns[name]] = way.f[:, wide.columns[name]]
-        q, ok = self.sampler.project(np.append(way.q, f[:, np.argsort(self._columns)], axis=1), self.given.pose(way.s))
-        return FreeWay(way.s, q[:, : self.n], q[:, self._columns]) if ok.all() else None
 
     def relax(self, sequence: Sequence, caution: int = 0) -> FreeWay:
         """Return a sequence with a shorter motion."""

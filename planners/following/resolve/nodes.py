@@ -34,9 +34,8 @@ LEAST_REGULAR = 5e-3
 move far for a small change of the freedoms."""
 SAME_ROOT = 1e-5
 """Configurations nearer than this [rad, m] are one root of an arm with six joints."""
-EACH_GIVEN, INSIDE_DISC = 4, 1.0 - 1e-9
-"""Of so many guesses one has the freedoms at their given values; and the fraction of a disc's radius up to which values are
-moved into it: below rounding."""
+EACH_GIVEN = 4
+"""Of so many guesses one has the freedoms at their given values."""
 MOST_WORK, DRAW_WORK = 1_500_000, 8
 """Configurations that are moved or judged in one search, and as how many of them a random guess counts: both take about 10 s on
 one core among few obstacles."""
@@ -77,7 +76,7 @@ class Sampler:
         discs: tuple[tuple[int, float], ...] = (),
     ) -> None:  # fmt: skip
         limits = arm.limits
-        self.arm, self.own, self.collision, self._discs = arm, own, collision, discs
+        self.arm, self.own, self.collision = arm, own, collision
         self.redundant = arm.n > 6
         self.work, self.met = 0, False
         single = arm if arm.motors is None else replace(arm, motors=None)  # `allows` knows the motors
@@ -88,7 +87,7 @@ class Sampler:
         self._low = np.where(self.circle | np.isinf(limits.lower), -np.pi, limits.lower)
         self._high = np.where(self.circle | np.isinf(limits.upper), np.pi, limits.upper)
         low, high = (np.where(self.circle, x, y)[own.n :] for x, y in ((-np.inf, limits.lower), (np.inf, limits.upper)))
-        self._freedoms = ControlBounds(low, high, tuple((at - own.n, INSIDE_DISC * radius) for at, radius in discs))
+        self._freedoms = ControlBounds(low, high, tuple((at - own.n, radius) for at, radius in discs))
         speed = np.full(arm.n, np.inf) if limits.velocity is None else limits.velocity
         known, real = np.isfinite(speed), np.arange(arm.n) < own.n
         self.slowness: Array = np.where(known, 1.0 / np.where(known, speed, 1.0), 0.0)
@@ -133,12 +132,10 @@ class Sampler:
         return pairs.most_common(1)[0][0]
 
     def allows(self, q: Array) -> Flags:
-        """Return which configurations are inside the limits and the discs of their freedoms."""
+        """Return which configurations are inside the limits."""
         inside = ((q >= self.arm.limits.lower) & (q <= self.arm.limits.upper) | self.circle).all(axis=1)
         if self.own.motors is not None:
             inside = inside & self.own.limits.contains(q[:, : self.own.n])
-        for at, radius in self._discs:
-            inside = inside & (np.linalg.norm(q[:, at : at + 2], axis=1) <= radius)
         return np.asarray(inside)
 
     def draw(self, poses: Array, count: int) -> list[Array]:
