@@ -401,10 +401,10 @@ def free(
         Coefficients of each coordinate's spline; by default 3 for each segment of the path, but 8 to 32, and at most a third of
         the grid points of the timing. Around obstacles up to 5 times as many are tried where these find no motion.
     hold_start : bool
-        Whether a ``q_start`` of the plan is the start of the motion; else only its branch and first guess.
+        Whether a ``q_start`` of the plan is the start of the motion, with its own turn and tilt; else only a first guess.
     starts : int
         Initial guesses that are tried if the start is free: that of the given path, and different sequences of configurations
-        along the whole path.
+        along the whole path; up to three more with a tilt.
     **freedoms
         By name (`planners.freedom.freedoms`), in the order in which they move the tool: ``turn=(-1.0, 1.0)`` [rad] about the
         tool's axis, ``tilt=0.2``, the half-angle of a cone [rad], ``elbow=True`` of a redundant arm. A number x means (−x, x),

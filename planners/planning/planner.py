@@ -117,6 +117,8 @@ class MotionPlanner:
                 found = self.follow_from(candidate, way.q[0], scene, way.joints)
                 if found:
                     return candidate, found._replace(resolution=made), [other for other in ways if other is not way]
+        if robot.n > 6 and (found := self.follow(path, q_start, branch, scene)):  # among all configurations, too
+            return path, found, []
         assert followed.failure is not None
         return path, followed._replace(failure=made.explain(followed.failure), resolution=made), []
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from optik import Scene, se3
+from optik import Scene
 from planners import Plan, free, plan
 from tests.figures.figure import ROOT, Row, Value, main
 from tests.planners.test_more_is_never_less import LIMITS, LONGER, draw, far_box, widened
