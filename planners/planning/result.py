@@ -31,8 +31,12 @@ from planners.motion.plot import motion_card, plot_motion
 from planners.motion.show import show_motion
 from planners.paths.base import Path
 from planners.ros.export import RosExport
-from planners.timing.base import StopKind
+from planners.timing.base import StopKind, speed_bound
 from planners.trajectory import Trajectory
+
+
+FAR_SLOWER, SLOWNESS_POINTS = 30.0, 257
+"""Ratio of a duration to that at the limits on velocities from which a plan says where it is slow; points of its path."""
 
 
 class PlanSeconds(NamedTuple):
@@ -173,7 +177,24 @@ class Plan:
         summary = plan_summary(
             f"{self.status}: {self._title}", path, failure, self._certificate, self.slowed, self.least_duration
         )
-        return "\n".join([summary, *(str(part) for part in (self.resolution, self.freedom) if part is not None)])
+        parts = (self.slowness, self.resolution, self.freedom)
+        return "\n".join([summary, *(str(part) for part in parts if part is not None)])
+
+    @property
+    def slowness(self) -> str | None:
+        """Where a motion is far slower than its limits on velocities require, in words; None if it is not."""
+        if not self or self.prefix is None or any(x is not None for x in (self.speed, self.span, self.before)):
+            return None
+        joints, duration = self.joint_path, self.duration
+        s = np.linspace(0.0, joints.end, SLOWNESS_POINTS)
+        least = float(np.trapezoid(1.0 / speed_bound(joints, self.limits, s), s))
+        least += compute_least_duration(np.ptp(joints(s), axis=0), self.limits)
+        if duration <= FAR_SLOWER * least:
+            return None
+        at = np.array([self.certificate.s_at(t) for t in np.linspace(0.0, duration, SLOWNESS_POINTS)])
+        slowest = 0.5 * (at[1:] + at[:-1])[np.diff(at).argmin()]
+        bends = f"the joints turn sharply near s = {slowest:.4g} {self.path.unit}"
+        return f"  slow: {duration / least:.3g} times as long as the limits on velocities require; {bends}"
 
     @property
     def has_motion(self) -> bool:
