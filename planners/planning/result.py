@@ -34,7 +34,6 @@ from planners.ros.export import RosExport
 from planners.timing.base import StopKind, speed_bound
 from planners.trajectory import Trajectory
 
-
 FAR_SLOWER, SLOWNESS_POINTS = 30.0, 257
 """Ratio of a duration to that at the limits on velocities from which a plan says where it is slow; points of its path."""
 

@@ -48,18 +48,19 @@ def draw_seam(rng: np.random.Generator, size: float) -> Path:
     """A seam on the piece, as a line, a circle or a wave around its axis; the torch looks onto it from outside and above."""
     kind, centre = rng.integers(3), size * np.append(rng.uniform(-0.1, 0.1, 2), rng.uniform(0.0, 0.1))
     begin, sense = rng.uniform(0.0, 2.0 * np.pi), rng.choice((-1.0, 1.0))
+    up = np.array([0.0, 0.0, 1.0])
     if kind == 0:
         along = np.array([np.cos(begin), np.sin(begin), 0.0])
         ends = [centre + d * size * rng.uniform(0.1, 0.2) * along for d in (-1.0, 1.0)]
-        normal = np.cross([0.0, 0.0, 1.0], along) + [0.0, 0.0, 1.0]
+        normal = np.cross(up, along) + up
         return Line(*(_look(p, normal, along) for p in ends))
     radius, height = size * rng.uniform(0.06, 0.16), size * rng.uniform(0.02, 0.05)
     angles = begin + sense * np.linspace(0.0, 2.0 * np.pi * rng.uniform(0.7, 1.0), 25)
     out = np.stack([np.cos(angles), np.sin(angles), np.zeros(25)], axis=1)
     poses = []
-    for i, x in enumerate(out):
-        place = centre + radius * x + [0.0, 0.0, height * np.cos(2.0 * angles[i])]
-        poses.append(_look(place if kind == 2 else centre + radius * x, x + [0.0, 0.0, 1.0], np.array([-x[1], x[0], 0.0])))
+    for x, angle in zip(out, angles, strict=True):
+        place = centre + radius * x + (kind == 2) * height * np.cos(2.0 * angle) * up
+        poses.append(_look(place, x + up, np.cross(up, x)))
     if kind == 1:
         return Arc.about(poses[0], centre, [0.0, 0.0, 1.0], float(angles[-1] - angles[0]), orientation="arc")
     return Spline(np.array(poses))

@@ -197,7 +197,9 @@ def test_a_joint_that_moves_where_its_velocity_limit_is_0_is_named(law: str, joi
         make_law(law, **options).run(followed.joint_path, MotionLimits.of(robot))
 
 
-def test_a_limit_that_is_0_between_the_points_of_the_check_is_no_error_of_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_limit_that_is_0_between_the_points_of_the_check_is_no_error_of_numbers(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     robot = load("fr3")
     goal = robot.limits.middle.copy()
     goal[0] = robot.limits.upper[0] - 1e-3

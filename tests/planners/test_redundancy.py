@@ -163,7 +163,9 @@ def test_the_guide_has_no_kink_behind_its_last_station() -> None:
         assert np.abs(orders[:, 1]).max() > 0.01  # it moves there
         for order in range(3):
             slope = np.gradient(orders[:, order], h, axis=0)[1:-1]
-            np.testing.assert_allclose(slope, orders[1:-1, order + 1], atol=1e-3 * np.abs(orders[:, order + 1]).max() + 1e-6)
+            np.testing.assert_allclose(
+                slope, orders[1:-1, order + 1], atol=1e-3 * np.abs(orders[:, order + 1]).max() + 1e-6
+            )
 
 
 def test_a_sequence_that_ends_early_is_continued_to_the_end_of_the_path() -> None:
