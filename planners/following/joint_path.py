@@ -95,18 +95,6 @@ class JointPath(PiecewiseCurve):
         """Configurations and their first three derivatives (m, 4, n) at the nodes [rad, m]."""
         return np.asarray(np.concatenate([self.q[:, None], self.derivatives], axis=1)[self._chosen])
 
-    def cut(self, path: Path, begin: float, until: float) -> JointPath:
-        """Return the joints from one s to another, as those of a path that is this part."""
-        ends, inner = np.array([begin, until]), (self.knots > begin) & (self.knots < until)
-        at, given = np.searchsorted(self.knots, ends), np.concatenate([self.q[:, None], self.derivatives], axis=1)
-        between = np.stack([self(ends, order) for order in range(4)], axis=1)
-        first, last = np.where((self.knots[at] == ends)[:, None, None], given[at], between)
-        values, own = np.stack([first, *given[inner], last]), (self.ik.s >= begin) & (self.ik.s <= until)
-        knots, nodes = np.concatenate([[0.0], self.knots[inner] - begin, [path.end]]), self.nodes - begin
-        chosen = np.isin(np.arange(len(knots)), thin_knots(knots, nodes))
-        record = IKRecord(*(x[own] for x in self.ik[:3]), self.ik.s[own] - begin)
-        return JointPath(self.robot, path, knots, values[:, 0], values[:, 1:], record, chosen)
-
     @cached_property
     def singular_values(self) -> Array:
         """Smallest singular value (k,) of the Jacobian at the knots."""
@@ -125,6 +113,19 @@ class JointPath(PiecewiseCurve):
         i = self._chosen
         out = deviation_bounds(self.robot, self.path, self.nodes, self.q[i], self.derivatives[i])
         return float(out[:, 0].max()), float(out[:, 1].max())
+
+
+def cut_joints(joints: JointPath, path: Path, begin: float, until: float) -> JointPath:
+    """Return the joints from one s to another, as those of a path that is this part."""
+    ends, s, record = np.array([begin, until]), joints.knots, joints.ik
+    inner, own, at = (s > begin) & (s < until), (record.s >= begin) & (record.s <= until), np.searchsorted(s, ends)
+    given = np.concatenate([joints.q[:, None], joints.derivatives], axis=1)
+    between = np.stack([joints(ends, order) for order in range(4)], axis=1)
+    first, last = np.where((s[at] == ends)[:, None, None], given[at], between)
+    values, knots = np.stack([first, *given[inner], last]), np.concatenate([[0.0], s[inner] - begin, [path.end]])
+    ik = IKRecord(record.position_error[own], record.rotation_error[own], record.iterations[own], record.s[own] - begin)
+    chosen = np.isin(np.arange(len(knots)), thin_knots(knots, joints.nodes - begin))
+    return JointPath(joints.robot, path, knots, values[:, 0], values[:, 1:], ik, chosen)
 
 
 def smallest_singular_values(robot: Robot, q: Array) -> Array:

@@ -182,18 +182,14 @@ class Plan:
     @property
     def slowness(self) -> str | None:
         """Where a motion is far slower than its limits on velocities require, in words; None if it is not."""
-        if not self or self.prefix is None or any(x is not None for x in (self.speed, self.span, self.before)):
+        if not self or self.prefix is None or self.speed is not None or self.span is not None:
             return None
-        joints, duration = self.joint_path, self.duration
-        s = np.linspace(0.0, joints.end, SLOWNESS_POINTS)
-        least = float(np.trapezoid(1.0 / speed_bound(joints, self.limits, s), s))
-        least += compute_least_duration(np.ptp(joints(s), axis=0), self.limits)
-        if duration <= FAR_SLOWER * least:
-            return None
-        at = np.array([self.certificate.s_at(t) for t in np.linspace(0.0, duration, SLOWNESS_POINTS)])
-        slowest = 0.5 * (at[1:] + at[:-1])[np.diff(at).argmin()]
-        bends = f"the joints turn sharply near s = {slowest:.4g} {self.path.unit}"
-        return f"  slow: {duration / least:.3g} times as long as the limits on velocities require; {bends}"
+        s, t = np.linspace(0.0, self.prefix.end, SLOWNESS_POINTS), np.linspace(0.0, self.duration, SLOWNESS_POINTS)
+        least = float(np.trapezoid(1.0 / speed_bound(self.prefix, self.limits, s), s))
+        times = self.duration / (least + compute_least_duration(np.ptp(self.prefix(s), axis=0), self.limits))
+        at = s[np.bincount(np.searchsorted(s, [self.certificate.s_at(x) for x in t])).argmax()]
+        words = f"  slow: {times:.3g} times as long as the limits on velocities require; the joints turn sharply near s = "
+        return f"{words}{at:.4g} {self.path.unit}" if times > FAR_SLOWER else None
 
     @property
     def has_motion(self) -> bool:

@@ -19,7 +19,7 @@ from planners.following.branches import find_branches
 from planners.following.collision import CollisionCheck
 from planners.following.failure import PlanFailure
 from planners.following.follow import FollowResult, follow
-from planners.following.joint_path import JointPath
+from planners.following.joint_path import JointPath, cut_joints
 from planners.limits import TOOL_SPEEDS, MotionLimits
 from planners.motion import PlanStatus
 from planners.paths.base import Path
@@ -242,7 +242,7 @@ class PartFollower:
             joints = self._follow_path(robot, whole, q, None)
             if joints:
                 for i, (part, a, b) in enumerate(zip(paths, whole.starts[:-1], whole.starts[1:], strict=True), k):
-                    self._ahead[i] = joints.joint_path.cut(part, a, b)
+                    self._ahead[i] = cut_joints(joints.joint_path, part, a, b)
                 return FollowResult(self._ahead.pop(k), None)
         return self._follow_path(robot, path, None if path.in_joints else q, None)  # type: ignore[arg-type]
 

@@ -33,15 +33,20 @@ def joined(first: Robot, second: Robot) -> Robot:
     return Robot(f"{first.name}-{second.name}", fixed, prismatic, second.tool, limits, names)
 
 
-def two_arms(name: str = "ur5e", gap: float = 0.8) -> Robot:
-    """An arm that holds a piece, and one with a torch, 12 joints."""
+def mounted(name: str, gap: float) -> tuple[Robot, Robot]:
+    """An arm that holds a piece, and one with a torch, which face each other."""
     piece, torch = np.eye(4), np.eye(4)
     piece[2, 3] = 0.1
     torch[:3, :3], torch[:3, 3] = Rotation.from_euler("y", 40, degrees=True).as_matrix(), (0.05, 0.0, 0.2)
     base = np.eye(4)
     base[:3, :3], base[0, 3] = Rotation.from_euler("z", np.pi).as_matrix(), gap
     arm = optik.load(name)
-    return joined(arm.with_tool(piece, add=True), arm.with_tool(torch, add=True).with_base(base))
+    return arm.with_tool(piece, add=True), arm.with_tool(torch, add=True).with_base(base)
+
+
+def two_arms(name: str = "ur5e", gap: float = 0.8) -> Robot:
+    """The chain of both arms, 12 joints."""
+    return joined(*mounted(name, gap))
 
 
 def draw_seam(rng: np.random.Generator, size: float) -> Path:
