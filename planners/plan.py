@@ -17,7 +17,7 @@ from optik.registry import label
 from optik.scene import Scene
 from planners.certificate.violation import LIMIT_WORDS, Allow, check_allow
 from planners.choice.first_paths import check_avoid, check_avoidable
-from planners.following.follow import DEFAULT_TOLERANCE, TIME_LIMIT, read_time_limit
+from planners.following.follow import DEFAULT_TOLERANCE, read_time_limit
 from planners.limits import MotionLimits, check_path
 from planners.motion import PlanStatus
 from planners.paths.base import Path
@@ -41,7 +41,7 @@ def plan(
     solver: SolverLike = "lm", timing: LawLike = "optimal", limits: MotionLimits | None = None, samples: int = 151,
     branch: str | None = None, rate: float = 1000.0, duration: float | None = None, strict: bool = False,
     tolerance: ToleranceLike = DEFAULT_TOLERANCE, allow: Allow = (), scene: Scene | None = None,
-    avoid: bool | SearchLike = False, winding: str = "nearest", resolve: str = "auto", time_limit: float = TIME_LIMIT,
+    avoid: bool | SearchLike = False, winding: str = "nearest", resolve: str = "auto", time_limit: float | None = None,
     reconfigurations: int = 0,
 ) -> Plan:  # fmt: skip
     """Plan the joint motion that takes the tool along a path, and certify its limits.
@@ -75,9 +75,10 @@ def plan(
         a `FreePath`. A name, a file or a built search (`planners.find_path`) replaces the default one.
     winding : {"nearest", "exact"}
         For a goal configuration: "nearest" lets joints without limits end whole turns away from it (`Plan.goal`); "exact" not.
-    resolve, time_limit, reconfigurations : {"auto", "local"}, float, and int
-        Where following fails, "auto" searches sequences of configurations and freedoms along the whole path, in this computing
-        time [s]; "local" does not. So often the tool may leave the path for another configuration, in a `ProgramPlan`.
+    resolve, time_limit, reconfigurations : {"auto", "local"}, float, optional, and int
+        Where following fails, "auto" searches sequences of configurations and freedoms along the whole path, within a budget of
+        work and this computing time [s], by default without one; "local" does not. So often the tool may leave the path for
+        another configuration, in a `ProgramPlan`.
 
     Returns
     -------
@@ -113,8 +114,7 @@ def _plan_path(
     q, held = None if q_start is None else check_start(robot, q_start, "q_start"), branch != "best"
     without = solver, timing, limits, samples, None, duration, strict, search
     program = partial(_plan_program, robot, own=without, given=(*given[:4], False, given[5]))
-    given_path = path if isinstance(path, Path) else found.path
-    return reconfigure(found, given_path, q, q is not None and held, most, seconds, program)
+    return reconfigure(found, found.path, q, q is not None and held, most, seconds, program)
 
 
 def _check_options(duration: float | None, strict: bool) -> bool:

@@ -27,7 +27,7 @@ ALONG = 0.1
 
 
 def find_easy(path: FreePath, own: JointPath, ways: Sequence[FreeWay], *, held: bool) -> list[tuple[FreePath, Array]]:
-    """Return paths that need less time, or travel of the joints, at their stations than a path; with their first joints (n,)."""
+    """Return paths that need less time, or travel of the joints, at their stations than a path; and their first joints."""
     s, limits = np.linspace(0.0, path.end, STATIONS), own.robot.limits
     found = [(path, own(s)), *((path.with_coefficients(way.fit(path), None), way.q) for way in ways)]
     found += _keep_orientations(path, own, ways, s, held=held)

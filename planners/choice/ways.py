@@ -73,6 +73,9 @@ class PathPlanner(Protocol[R]):
     def follow(self, path: Path, q: ArrayLike | None, branch: str | None, scene: Scene | None) -> FollowResult:
         """Return the joint path along a path."""
 
+    def follow_from(self, path: Path, q: Array, scene: Scene | None) -> FollowResult:
+        """Return the joint path from a computed start."""
+
     def time(
         self, path: Path, followed: FollowResult, duration: float | None, density: float = 1.0
     ) -> tuple[R, Optimum | None]:
@@ -89,7 +92,7 @@ def choose_path(
     """
 
     def time_along(chosen: FreePath | PointToPoint, q: Array) -> tuple[Q, Optimum | None]:
-        return planner.time(chosen, planner.follow(chosen, q, "start", scene), None)
+        return planner.time(chosen, planner.follow_from(chosen, q, scene), None)
 
     def plan_along(chosen: FreePath | PointToPoint, q: Array) -> Q | None:
         return time_along(chosen, q)[0] or None
@@ -169,7 +172,7 @@ def _plan_around(
     for density in DENSITIES if isinstance(path, PointToPoint) else DENSITIES[1:]:
 
         def plan_along(chosen: FreePath | PointToPoint, q: Array, density: float = density) -> Q:
-            return planner.time(chosen, planner.follow(chosen, q, "start", None), None, density)[0]
+            return planner.time(chosen, planner.follow_from(chosen, q, None), None, density)[0]
 
         fixed, optimum = planner.time(path, followed, None, density)
         if optimum is None:

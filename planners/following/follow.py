@@ -18,13 +18,14 @@ from planners.following.follower import START_TOLERANCE, Follower, FollowResult
 from planners.following.joint_path import IKRecord, JointPath
 from planners.following.resolve.graph import Sequence
 from planners.paths.base import Path
+from planners.paths.free_path import FreePath
 
 __all__ = ["FollowResult", "FollowStatus", "IKRecord", "JointPath", "PlanFailure", "follow"]
 
 MOST_SAMPLES = 100_000
 """Most samples: 151 hold a line to a nanometre, and each is a call of the IK method."""
-RESOLVES, TIME_LIMIT = ("auto", "local"), 10.0
-"""Values of `resolve`, and the default computing time of a resolution [s]."""
+RESOLVES = "auto", "local"
+"""Values of `resolve`."""
 DEFAULT_TOLERANCE = Tolerance(1e-5, 1e-5)
 """Proved bound on the tool's deviation between samples [m, rad]; 151 samples of a regular line stay 1e4 times below."""
 
@@ -35,7 +36,7 @@ def follow(
     q_start: ArrayLike | None = None,
     *,
     branch: str | None = None, samples: int = 151, tolerance: ToleranceLike = DEFAULT_TOLERANCE,
-    scene: Scene | None = None, resolve: str = "auto", time_limit: float = TIME_LIMIT,
+    scene: Scene | None = None, resolve: str = "auto", time_limit: float | None = None,
 ) -> FollowResult:  # fmt: skip
     """Turn a Cartesian path into a joint path, by tracking one branch of configurations.
 
@@ -64,8 +65,8 @@ def follow(
         collision-free branches.
     resolve : {"auto", "local"}
         ``"auto"`` searches among all configurations of a redundant arm where its null-space motion fails; ``"local"`` does not.
-    time_limit : float
-        Computing time of this search [s].
+    time_limit : float, optional
+        Computing time of this search [s], beside its budget of work: with it a loaded machine may find less.
 
     Returns
     -------
@@ -97,11 +98,13 @@ def make_follower(
     return Follower(solver, path, grid, q, branch, Tolerance.of(tolerance), collision, time_limit, way)
 
 
-def read_time_limit(resolve: str, time_limit: float) -> float:
-    """Return the computing time [s] of a resolution of the whole path, 0 if there is none."""
+def read_time_limit(resolve: str, time_limit: float | None) -> float:
+    """Return the computing time [s] of a resolution of the whole path, infinite without a limit, 0 if there is none."""
     if not isinstance(resolve, str) or resolve not in RESOLVES:
         raise InvalidInput("resolve", repr(resolve)[:60], " or ".join(f'"{name}"' for name in RESOLVES))
-    seconds = check_number(time_limit, "time_limit", "seconds above 0", above=0.0)
+    seconds = np.inf
+    if time_limit is not None:
+        seconds = check_number(time_limit, "time_limit", "seconds above 0, or None", above=0.0)
     return seconds if resolve == "auto" else 0.0
 
 
@@ -127,6 +130,10 @@ def _check_start(
         distance, angle = float(np.linalg.norm(off[:3])), float(np.linalg.norm(off[3:]))
         if max(distance, angle) > START_TOLERANCE:
             got = f"the tool {1e3 * distance:.3g} mm and {np.degrees(angle):.3g}° from the path's start"
-            expected = f"a configuration on the path's start (within {1e3 * START_TOLERANCE:g} mm)"
+            within = f"within {1e3 * START_TOLERANCE:g} mm and {np.degrees(START_TOLERANCE):.2g}°"
+            expected = f"a configuration on the path's start ({within})"
+            if isinstance(path, FreePath) and len(path.screws):
+                words = (f"{one.name} in [{one.allowed[0]:g}, {one.allowed[1]:g}] {one.unit}" for one in path.ranges)
+                expected += f", but for its freedoms: {', '.join(words)}"
             raise InvalidInput("q_start", got, expected)
     return q, branch

@@ -31,8 +31,6 @@ KEEP_OFF_FACTOR = 8.0
 """Factor on the weight of the distance to the limits, if the null-space motion reached a limit."""
 RETREATS = (0.7, 0.4, 0.2, 0.1, 0.0)
 """Fractions of the smoothing that are tried where all of it leads into contact."""
-LEAST_TIME = 1.0
-"""Computing time [s] of the choice among few stations, which is always made."""
 MOST_REFINEMENTS = 4
 """Most attempts to follow one null-space motion; before each new one, stations are inserted where following failed."""
 
@@ -63,7 +61,7 @@ def find_null_space_motions(
         if not time_limit > 0.0:
             return
         q = first[0]
-    sampler = Sampler(robot, robot, path, collision, max(time_limit, LEAST_TIME))
+    sampler = Sampler(robot, robot, path, collision, time_limit or np.inf)
     for many in (True,) if held else (False, True) if time_limit > 0.0 else (False,):
         found, done = resolve(sampler, path, q, held=held, many=many, count=CHOICES)
         if made is not None:

@@ -9,6 +9,7 @@ from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
+from optik import se3
 from optik.arm.plain import numbers_to_list, read_numbers
 from optik.arm.robot import Robot
 from optik.check import check_count, check_flag
@@ -30,6 +31,8 @@ IN_RANGE = 1e-9
 """Largest rounding error of a coordinate outside its range [as its unit]."""
 MOST_COEFFICIENTS = 1_000_000
 """Most coefficients of a coordinate."""
+BEGIN_STEPS, NEARLY = 12, 1e-4
+"""Newton steps to the coordinates at a start, and the distance [rad, m] from a range that is rounding there."""
 MOST_GUESSES = 20
 """Most initial guesses of the choice of the coefficients."""
 
@@ -108,7 +111,7 @@ class FreePath(PiecewisePath):
         self.spline, self.null_space = ControlCurve(path.end, count), null_space
         self.kinds: tuple[Freedom, ...] = tuple(loaded_freedom(name) for name in self.bounds)
         ends = np.cumsum([0, *(len(kind.screws) for kind in self.kinds)]).tolist()
-        self._columns = {kind.name: slice(*at) for kind, at in zip(self.kinds, pairwise(ends), strict=True)}
+        self.columns = {kind.name: slice(*at) for kind, at in zip(self.kinds, pairwise(ends), strict=True)}
         self.screws: Array = np.array([screw for kind in self.kinds for screw in kind.screws]).reshape(-1, 6)
         nearest = np.array([np.clip(0.0, *self.bounds[kind.name]) for kind in self.kinds for _ in kind.screws])
         start = np.tile(nearest, (count, 1)) if coefficients is None else coefficients
@@ -152,13 +155,39 @@ class FreePath(PiecewisePath):
         """
         return self._copy(self.spline.count, coefficients, null_space)
 
+    def begin_at(self, pose: Array) -> Self:
+        """Return the path that begins at a pose, or near it, by coordinates inside their ranges.
+
+        Parameters
+        ----------
+        pose : (4, 4) array
+            The tool's pose [1, m].
+
+        Returns
+        -------
+        FreePath
+            The path; control points that were equal to the first one are moved with it.
+        """
+        p, f, turn = self.coefficients, self.coefficients[0].copy(), 2.0 * np.pi
+        for _ in range(BEGIN_STEPS if f.size else 0):
+            T, fields = self.given.pose(np.zeros(1)).copy(), np.empty((1, f.size, 4, 6))
+            move_along(self.screws, np.stack([f, 0 * f, 0 * f, 0 * f])[None], T, np.zeros((1, 3, 6)), fields)
+            turns, moves = fields[0, :, 0, :3], fields[0, :, 0, 3:]
+            J = np.concatenate([moves + np.cross(turns, T[0, :3, 3]), turns], axis=1).T
+            f += np.linalg.lstsq(J, se3.error(T[0], pose), rcond=None)[0]
+        low, high = self.control_bounds.lower[0] - NEARLY, self.control_bounds.upper[0] + NEARLY
+        whole = np.maximum(np.ceil((low - f) / turn), 0.0) + np.minimum(np.floor((high - f) / turn), 0.0)
+        f += turn * self.screws[:, 3:].any(axis=1) * whole
+        moved = self.control_bounds.clip(np.tile(f, (len(p), 1)))
+        return self.with_coefficients(np.where(p == p[0], moved, p), self.null_space)
+
     @cached_property
     def control_bounds(self) -> ControlBounds:
         """Bounds of the coefficients, by the ranges of the freedoms."""
         shape, discs = self.coefficients.shape, []
         lower, upper = np.full(shape, -np.inf), np.full(shape, np.inf)
         for kind in self.kinds:
-            (low, high), at = self.bounds[kind.name], self._columns[kind.name]
+            (low, high), at = self.bounds[kind.name], self.columns[kind.name]
             if kind.round:
                 discs.append((at.start, high))
             else:
@@ -238,7 +267,7 @@ class FreePath(PiecewisePath):
         """Return what the range of a freedom bounds (k, ·), of coordinates (k, d) and changes of the null space (k, r)."""
         if not kind.screws:  # of an elbow: the distance from the initial joint path
             return change
-        own = f[:, self._columns[kind.name]]
+        own = f[:, self.columns[kind.name]]
         return np.linalg.norm(own, axis=1, keepdims=True) if kind.round else own
 
     @property
@@ -372,10 +401,10 @@ def free(
         Coefficients of each coordinate's spline; by default 3 for each segment of the path, but 8 to 32, and at most a third of
         the grid points of the timing. Around obstacles up to 5 times as many are tried where these find no motion.
     hold_start : bool
-        Whether a ``q_start`` of the plan is the start of the motion; else only its branch and first guess.
+        Whether a ``q_start`` of the plan is the start of the motion, with its own turn and tilt; else only a first guess.
     starts : int
         Initial guesses that are tried if the start is free: that of the given path, and different sequences of configurations
-        along the whole path.
+        along the whole path; up to three more with a tilt.
     **freedoms
         By name (`planners.freedom.freedoms`), in the order in which they move the tool: ``turn=(-1.0, 1.0)`` [rad] about the
         tool's axis, ``tilt=0.2``, the half-angle of a cone [rad], ``elbow=True`` of a redundant arm. A number x means (−x, x),

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from optik import newton
 from optik.errors import InvalidInput, NoSolution
 from optik.ik import IKSolver
 from optik.ik.problem import check_start
@@ -42,6 +43,8 @@ MAY_CHANGE = tuple(
     FollowStatus[name] for name in ("OUTSIDE_LIMITS", "BRANCH_JUMP", "SINGULAR", "CONTACT", "UNREACHABLE")
 )
 """Failures that other configurations, or other values of the freedoms, can change."""
+START_STEPS = 4
+"""Newton steps that move a computed start onto the path."""
 MOST_SECONDS = 1e9
 """Longest duration that can be requested [s], 30 years: powers of much longer ones overflow."""
 
@@ -61,8 +64,10 @@ class MotionPlanner:
         started, path = perf_counter(), self.request.path
         if self.request.unreachable is not None:
             return self.request.infeasible(None, self.request.unreachable, PlanStatus.UNREACHABLE)
-        if isinstance(path, FreePath) and not path.hold_start and q_start is not None and branch != "best":
-            q_start = self._reach_start(path, q_start)
+        if isinstance(path, FreePath) and q_start is not None and branch != "best":
+            path, q_start, chosen = self._begin(path, q_start, duration)
+            if chosen is not None:
+                return chosen
         around, held = self.request.avoid is not False, q_start is not None
         ways = list[FreeWay]()
         if isinstance(path, FreePath):
@@ -96,30 +101,43 @@ class MotionPlanner:
         resolvable = can_resolve(path) and self.time_limit > 0.0 and not (held and branch == "best")
         followed = self.follow(path, q_start, branch, scene, time_limit=0.0 if resolvable else self.time_limit)
         beyond = followed.status not in MAY_CHANGE or (held and followed.joint_path is None)
-        if not resolvable or (held if followed else beyond):
+        if not resolvable or (held or path.starts == 1 if followed else beyond):
             return path, followed, []
         resolver = Resolver(robot, path, None if scene is None else CollisionCheck(robot, scene), self.time_limit)
         q = None if q_start is None else check_start(robot, q_start, "q_start")
         count = 1 if held or path.segments > FEW_SEGMENTS else max(path.starts - 1, 1)
+        if followed:
+            ways, made = resolver.guess(count)
+            return path, followed._replace(resolution=made), ways
         for many in (False, True):
             sequences, made = resolver.find(q, held=held, many=many, count=count)
             first = [parts[0] for parts in sequences]
             ways = [resolver.relax(one) for one in first]
-            if followed:
-                return path, followed._replace(resolution=made), ways[: path.starts - 1]
             for candidate, way in resolver.candidates(first, ways):
-                found = self.follow(candidate, way.q[0], "start", scene, way.joints)
+                found = self.follow_from(candidate, way.q[0], scene, way.joints)
                 if found:
                     return candidate, found._replace(resolution=made), [other for other in ways if other is not way]
+        if robot.n > 6 and (found := self.follow(path, q_start, branch, scene)):  # among all configurations, too
+            return path, found, []
         assert followed.failure is not None
         return path, followed._replace(failure=made.explain(followed.failure), resolution=made), []
 
-    def _reach_start(self, path: FreePath, q_start: ArrayLike) -> Array:
-        """Return a configuration at the path's start from a first guess; itself if it is there, or if none is found."""
-        pose, q = path.pose(0.0), check_start(self.request.robot, q_start, "q_start")
-        if np.abs(self.request.robot.pose_errors(q, pose)).max() <= START_TOLERANCE or not self.solver.task.is_pose:
-            return q
-        return found.q if (found := self.solver.solve(pose, q)) else q
+    def _begin(self, path: FreePath, q_start: ArrayLike, duration: float | None) -> tuple[FreePath, Array, Plan | None]:
+        """Return the path from a given start, the start, and the plan without a given start if it chooses this one.
+
+        A start that is held keeps its own turn and tilt, if they are allowed; one that is free is moved to those of the path.
+        """
+        robot, pose, q = self.request.robot, path.pose(0.0), check_start(self.request.robot, q_start, "q_start")
+        given = np.abs(robot.pose_errors(q, pose)).max() <= START_TOLERANCE or not self.solver.task.is_pose
+        if not path.hold_start:
+            return path, q if given or not (found := self.solver.solve(pose, q)) else found.q, None
+        begun = path if given else path.begin_at(robot.fk(q))
+        off = np.abs(robot.pose_errors(q, begun.pose(0.0))).max()
+        if off > START_TOLERANCE or (given and ("elbow" not in path.bounds or self.request.avoid is not False)):
+            return path, q, None
+        chosen = self.run(None, None, duration)
+        same = chosen.has_motion and np.abs(chosen.trajectory(0.0) - q).max() <= START_TOLERANCE
+        return begun, q, chosen if chosen and same else None
 
     def follow(
         self, path: Path, q: ArrayLike | None, branch: str | None, scene: Scene | None, way: Sequence | None = None,
@@ -129,6 +147,18 @@ class MotionPlanner:
         allowed = self.request.tolerance.scale(PATH_FRACTION)
         seconds = self.time_limit if time_limit is None else time_limit
         return make_follower(self.solver, path, q, branch, self.samples, allowed, scene, seconds, way).run()
+
+    def follow_from(self, path: Path, q: Array, scene: Scene | None, way: Sequence | None = None) -> FollowResult:
+        """Return the joint path from a computed start, after it is moved exactly onto the path and into the limits."""
+        robot, pose, start = self.request.robot, path.pose(np.zeros(1)), np.array(q[None])
+        newton.polish_batch(robot.chain, start, pose, START_STEPS)
+        start = robot.limits.clip(start)
+        if np.abs(robot.pose_errors(start, pose)).max() <= START_TOLERANCE and robot.limits.contains(start).all():
+            return self.follow(path, start[0], "start", scene, way)
+        off = PlanFailure(
+            FollowStatus.OUTSIDE_LIMITS, 0.0, None, "no start inside the limits is on the chosen path", ""
+        )
+        return FollowResult(None, off)
 
     def time(
         self, path: Path, followed: FollowResult, duration: float | None, density: float = 1.0

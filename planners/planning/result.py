@@ -188,7 +188,9 @@ class Plan:
         least = float(np.trapezoid(1.0 / speed_bound(self.prefix, self.limits, s), s))
         times = self.duration / (least + compute_least_duration(np.ptp(self.prefix(s), axis=0), self.limits))
         at = s[np.bincount(np.searchsorted(s, [self.certificate.s_at(x) for x in t])).argmax()]
-        words = f"  slow: {times:.3g} times as long as the limits on velocities require; the joints turn sharply near s = "
+        words = (
+            f"  slow: {times:.3g} times as long as the limits on velocities require; the joints turn sharply near s = "
+        )
         return f"{words}{at:.4g} {self.path.unit}" if times > FAR_SLOWER else None
 
     @property

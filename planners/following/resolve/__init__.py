@@ -12,7 +12,7 @@ from optik import se3
 from optik.types import Array
 from planners.following.failure import FollowStatus, PlanFailure
 from planners.following.resolve.graph import Graph, Sequence
-from planners.following.resolve.nodes import Sampler
+from planners.following.resolve.nodes import MOST_WORK, Sampler
 from planners.paths.base import Path
 
 PER_METRE, PER_RADIAN, DENSE = 1.0 / 0.05, 1.0 / 0.15, 2000
@@ -44,6 +44,8 @@ class Resolution(NamedTuple):
         Why no configuration goes on.
     reached : bool
         Whether configurations were found there.
+    limited : bool
+        Whether the search ended by its ``time_limit``: with a longer one, or on a faster computer, more may be found.
     """
 
     layers: int
@@ -55,6 +57,7 @@ class Resolution(NamedTuple):
     cuts: tuple[float, ...] = ()
     reason: str = ""
     reached: bool = False
+    limited: bool = False
 
     def explain(self, before: PlanFailure) -> PlanFailure:
         """Return the failure of following one way, with why no other configuration goes on, either.
@@ -71,6 +74,7 @@ class Resolution(NamedTuple):
         count = "no reconfiguration" if not self.cuts else f"reconfigurations: {len(self.cuts)},{at}"
         count = count if self.stuck is None else f"none goes on at s = {self.stuck[1]:.4g}"
         what = "resolved" if self.stuck is None else "searched"
+        count += ", ended by time_limit" if self.limited else ""
         return f"  {what}: {self.layers} layers, {self.nodes} configurations, {count}, {self.seconds:.2g} s"
 
 
@@ -101,15 +105,16 @@ def resolve(
     nodes = sum(len(layer.q) for layer in graph.layers)
     at = tuple(float(part.s[0]) for part in found[0][1:]) if found and stuck is None else ()
     why = _explain(sampler, path, stuck) if stuck is not None and many else ("", False)
-    seconds = perf_counter() - begun
-    return found, Resolution(len(graph.layers), nodes, graph.inserted, graph.rounds, seconds, stuck, at, *why)
+    took = perf_counter() - begun
+    return found, Resolution(len(graph.layers), nodes, graph.inserted, graph.rounds, took, stuck, at, *why, sampler.met)
 
 
 def _explain(sampler: Sampler, path: Path, stuck: tuple[float, float]) -> tuple[str, bool]:
     """Return why no configuration goes on between two positions, and whether there are some at the second one."""
     a, b = stuck
-    if perf_counter() > sampler.deadline:
-        return "the search among all configurations was not finished within its time limit", True
+    if sampler.is_over:
+        budget = "time_limit: a longer one may find more" if sampler.met else f"budget of {MOST_WORK:,} configurations"
+        return f"the search among all configurations was not finished within its {budget}", True
     found = sampler.draw(path.pose(b)[None], EXPLAINING_DRAWS)[0]
     touching = found[sampler.rooms(found) <= 0.0]
     at = f"that were found at s = {b:.6g}"

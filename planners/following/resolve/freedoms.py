@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from time import perf_counter
 from typing import NamedTuple
 
 import numpy as np
@@ -24,6 +23,10 @@ SAMPLES_PER_COEFFICIENT = 4
 """Values of a coordinate for each coefficient that is fitted to it."""
 MORE_COEFFICIENTS = (1.0, 1.5, 2.5, 5.0)
 """Numbers of coefficients, over that of the path, that are fitted until one can be followed."""
+GUESSES: tuple[tuple[dict[str, float], int], ...] = (({"turn": np.inf}, 5), ({"turn": np.inf, "tilt": 0.3}, 3))
+"""Freedoms [rad] with which sequences are found for the choice, and how many."""
+ENDS, SAME_WAY = [0, -1], 0.1
+"""Sequences whose configurations at both ends are nearer than this [rad, m] are one guess."""
 MOST_CAUTION = 3
 """Degrees of caution of the relaxation that are tried."""
 
@@ -64,7 +67,7 @@ class Resolver:
     collision : CollisionCheck or None
         The arm in its scene.
     time_limit : float
-        Computing time [s].
+        Computing time [s]; may be infinite.
     """
 
     def __init__(self, robot: Robot, path: Path, collision: CollisionCheck | None, time_limit: float) -> None:
@@ -73,6 +76,7 @@ class Resolver:
         self.path, self.given = path, path.given if isinstance(path, FreePath) else path
         self.n, self.arm = robot.n, extend(robot, freedoms)
         self._columns, discs = columns_of(robot, freedoms)
+        self._time_limit = time_limit
         self.sampler = Sampler(self.arm, robot, self.given, collision, time_limit, discs)
         self._held = False
 
@@ -88,6 +92,32 @@ class Resolver:
         self._held = held
         return found if made.stuck is None else [], made
 
+    def guess(self, count: int) -> tuple[list[FreeWay], Resolution]:
+        """Return sequences for the choice of the coefficients, moved into the ranges of the freedoms.
+
+        They are found with a free turn, and where it is free with a tilt, too, whatever the ranges are: more freedom has the
+        guesses of less, and chooses nothing worse.
+        """
+        path, ways = self.path, list[FreeWay]()
+        assert isinstance(path, FreePath)
+        for kinds, most in GUESSES if "tilt" in path.bounds else GUESSES[:1]:
+            wide = FreePath(self.given, {kind: (-top, top) for kind, top in kinds.items()})
+            resolver = Resolver(self.sampler.own, wide, self.sampler.collision, self._time_limit)
+            found, made = resolver.find(None, held=False, many=False, count=min(most, count))
+            if made.limited:  # what the clock has cut off must not decide
+                break
+            for s, q, f in (resolver.relax(parts[0]) for parts in found):
+                values = np.tile(path.coefficients[:1], (len(s), 1))
+                for name in wide.bounds.keys() & path.bounds.keys():
+                    values[:, path.columns[name]] = f[:, wide.columns[name]]
+                q, ok = self.sampler.project(
+                    np.append(q, values[:, np.argsort(self._columns)], axis=1), self.given.pose(s)
+                )
+                way = FreeWay(s, q[:, : self.n], q[:, self._columns])
+                if ok.all() and all(np.abs(way.q[ENDS] - one.q[ENDS]).max() > SAME_WAY for one in ways):
+                    ways.append(way)
+        return ways, made
+
     def relax(self, sequence: Sequence, caution: int = 0) -> FreeWay:
         """Return a sequence with a shorter motion."""
         s, q = relax(self.sampler, self.given, sequence, held=self._held, caution=caution)
@@ -98,7 +128,7 @@ class Resolver:
         assert isinstance(self.path, FreePath)
         for caution in range(MOST_CAUTION):
             for sequence, way in zip(found, ways, strict=True):
-                if caution and perf_counter() > self.sampler.deadline:
+                if caution and self.sampler.is_over:
                     return
                 chosen = self.relax(sequence, caution) if caution else way
                 for factor in MORE_COEFFICIENTS if self.path.counts_itself else (1.0,):

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 from itertools import pairwise
-from time import perf_counter
 from typing import NamedTuple
 
 import numpy as np
@@ -118,7 +117,7 @@ class Graph:
         if sampler.redundant:
             ahead = [(k - 1, k, True) for k in range(1, len(s))]
             for a, b, spread in ahead + [(k + 1, k, False) for k in range(len(s) - 2, int(self.held) - 1, -1)]:
-                if perf_counter() <= sampler.deadline:
+                if not sampler.is_over:
                     self._grow(a, b, spread=spread)
 
     # ------------------------------------------------------------ configurations
@@ -281,7 +280,7 @@ class Graph:
         further = since = 0
         for _ in range(MOST_ROUNDS if np.isfinite(least) else FEW_ROUNDS):
             self.rounds += 1
-            late, gap = perf_counter() > self.sampler.deadline, None
+            late, gap = self.sampler.is_over, None
             often = [k for k, times in self.failed.items() if times >= OFTEN and self.s[k] - self.s[k - 1] >= least]
             if often and not late:
                 self._insert(often[0])

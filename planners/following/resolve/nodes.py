@@ -19,6 +19,7 @@ from planners.following.collision import CollisionCheck
 from planners.following.joint_path import smallest_singular_values
 from planners.following.smoothing import BARRIER_WEIGHT, LOG_EDGE, STATION_REACHED
 from planners.paths.base import Path
+from planners.paths.control_curve import ControlBounds
 
 SEED_STATIONS = np.linspace(0.0, 1.0, 5)
 """Fractions of the path whose poses, to a micrometre, seed the random numbers."""
@@ -33,6 +34,11 @@ LEAST_REGULAR = 5e-3
 move far for a small change of the freedoms."""
 SAME_ROOT = 1e-5
 """Configurations nearer than this [rad, m] are one root of an arm with six joints."""
+EACH_GIVEN = 4
+"""Of so many guesses one has the freedoms at their given values."""
+MOST_WORK, DRAW_WORK = 1_500_000, 8
+"""Configurations that are moved or judged in one search, and as how many of them a random guess counts: both take about 10 s on
+one core among few obstacles."""
 
 
 class Layer(NamedTuple):
@@ -60,7 +66,7 @@ class Sampler:
     collision : CollisionCheck or None
         The arm in its scene.
     time_limit : float
-        Computing time [s] after which no more configurations are sought.
+        Computing time [s] after which no more configurations are sought, beside the budget of work; may be infinite.
     discs : tuple of (int, float)
         First of two joints whose values lie in a disc, and its radius.
     """
@@ -70,8 +76,9 @@ class Sampler:
         discs: tuple[tuple[int, float], ...] = (),
     ) -> None:  # fmt: skip
         limits = arm.limits
-        self.arm, self._own, self._collision, self._discs = arm, own, collision, discs
+        self.arm, self.own, self.collision = arm, own, collision
         self.redundant = arm.n > 6
+        self.work, self.met = 0, False
         single = arm if arm.motors is None else replace(arm, motors=None)  # `allows` knows the motors
         self._solver = make_solver(single, "lm", max_restarts=2)
         poses = path.pose(SEED_STATIONS * path.end).round(6) + 0.0
@@ -79,6 +86,8 @@ class Sampler:
         self.circle: Flags = ~arm.prismatic & (limits.upper - limits.lower > CIRCLE_RANGE) & (own.motors is None)
         self._low = np.where(self.circle | np.isinf(limits.lower), -np.pi, limits.lower)
         self._high = np.where(self.circle | np.isinf(limits.upper), np.pi, limits.upper)
+        low, high = (np.where(self.circle, x, y)[own.n :] for x, y in ((-np.inf, limits.lower), (np.inf, limits.upper)))
+        self._freedoms = ControlBounds(low, high, tuple((at - own.n, radius) for at, radius in discs))
         speed = np.full(arm.n, np.inf) if limits.velocity is None else limits.velocity
         known, real = np.isfinite(speed), np.arange(arm.n) < own.n
         self.slowness: Array = np.where(known, 1.0 / np.where(known, speed, 1.0), 0.0)
@@ -87,7 +96,13 @@ class Sampler:
         self.weights: Array = np.maximum(weights, LEAST_WEIGHT)
         # A kernel that is not compiled yet takes half a minute, which does not count.
         self._solver.solve_batch(arm.fk(limits.middle[None]), limits.middle[None], threads=1)
-        self.deadline = perf_counter() + time_limit
+        self._deadline = perf_counter() + time_limit
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the budget of work is spent, or the computing time over, which is noted."""
+        self.met = self.met or perf_counter() > self._deadline
+        return self.met or self.work > MOST_WORK
 
     def wind(self, q: Array) -> Array:
         """Return configurations with the values of turning joints in [−π, π] where these are on the circle."""
@@ -106,29 +121,29 @@ class Sampler:
 
     def rooms(self, q: Array) -> Array:
         """Return the rooms (k,) of configurations [m]; infinite without a scene."""
-        if self._collision is None or not len(q):
+        if self.collision is None or not len(q):
             return np.full(len(q), np.inf)
-        return self._collision.find_rooms(np.ascontiguousarray(q[:, : self._own.n]))
+        return self.collision.find_rooms(np.ascontiguousarray(q[:, : self.own.n]))
 
     def name_contact(self, q: Array) -> str:
         """Return the pair that is in contact at most of the configurations (k, n), in words."""
-        assert self._collision is not None
-        pairs = Counter(self._collision.name_pair(x) for x in q[:, : self._own.n])
+        assert self.collision is not None
+        pairs = Counter(self.collision.name_pair(x) for x in q[:, : self.own.n])
         return pairs.most_common(1)[0][0]
 
     def allows(self, q: Array) -> Flags:
-        """Return which configurations are inside the limits and the discs of their freedoms."""
+        """Return which configurations are inside the limits."""
         inside = ((q >= self.arm.limits.lower) & (q <= self.arm.limits.upper) | self.circle).all(axis=1)
-        if self._own.motors is not None:
-            inside = inside & self._own.limits.contains(q[:, : self._own.n])
-        for at, radius in self._discs:
-            inside = inside & (np.linalg.norm(q[:, at : at + 2], axis=1) <= radius)
+        if self.own.motors is not None:
+            inside = inside & self.own.limits.contains(q[:, : self.own.n])
         return np.asarray(inside)
 
     def draw(self, poses: Array, count: int) -> list[Array]:
-        """Return configurations of each pose (k, 4, 4) from so many random guesses."""
+        """Return configurations of each pose (k, 4, 4) from so many random guesses, some with the freedoms' given values."""
         starts = self._low + (self._high - self._low) * self.rng.random((len(poses) * count, self.arm.n))
+        starts[::EACH_GIVEN, self.own.n :] = self._freedoms.clip(np.zeros((1, self.arm.n - self.own.n)))
         targets = np.repeat(poses, count, axis=0)
+        self.work += DRAW_WORK * len(starts)
         found = self._solver.solve_batch(targets, starts, threads=1)
         solved = np.flatnonzero(found.solved)
         q, ok = self.project(found.q[solved], targets[solved], 3)
@@ -137,6 +152,17 @@ class Sampler:
         layers = [q[own == k] for k in range(len(poses))]
         return layers if self.redundant else [keep_different(layer, SAME_ROOT, 0.0) for layer in layers]
 
+    def _confine(self, q: Array, poses: Array, steps: int) -> None:
+        """Move freedoms, in place, into their ranges and discs; the arm's own joints then reach the poses."""
+        n = self.own.n
+        values = self._freedoms.clip(q[:, n:])
+        out = np.flatnonzero((values != q[:, n:]).any(axis=1))
+        if out.size:
+            own, middle = np.array(q[out, :n], order="C"), np.tile(self.own.limits.middle, (out.size, 1))
+            moved = np.linalg.solve(self.arm.fk(np.append(middle, values[out], axis=1)), self.own.fk(middle))
+            newton.polish_batch(self.own.chain, own, np.ascontiguousarray(poses[out] @ moved), steps)
+            q[out] = np.append(own, values[out], axis=1)
+
     def project(self, q: Array, poses: Array, steps: int = 8) -> tuple[Array, Flags]:
         """Return configurations moved onto poses by steps of least norm, and which of them arrive and are allowed."""
         q = np.array(q, order="C")
@@ -144,6 +170,8 @@ class Sampler:
         if not len(q):
             return q, np.zeros(0, np.bool_)
         newton.polish_batch(self.arm.chain, q, poses, steps)
+        self._confine(q, poses, steps)
+        self.work += len(q)
         return q, (np.abs(self.arm.pose_errors(q, poses)).max(axis=1) < STATION_REACHED) & self.allows(q)
 
     def project_slowly(self, q: Array, poses: Array) -> tuple[Array, Flags]:
@@ -158,8 +186,9 @@ class Sampler:
 
     def judge(self, q: Array) -> Layer:
         """Return the configurations that are free of contact and regular, with their costs."""
+        self.work += len(q)
         room, sigma, sides = self.rooms(q), *self.regularity(q)
-        kept = (room > 0.0) & (sigma > (0.0 if self._own.n == self.arm.n > 6 else LEAST_REGULAR))
+        kept = (room > 0.0) & (sigma > (0.0 if self.own.n == self.arm.n > 6 else LEAST_REGULAR))
         q, room, sigma, sides = q[kept], room[kept], sigma[kept], sides[kept]
         x = np.minimum(np.abs(self.arm.limits.normalise(q)), LOG_EDGE)
         x = np.where(self.circle, 0.0, x)
@@ -168,6 +197,6 @@ class Sampler:
 
     def regularity(self, q: Array) -> tuple[Array, Array]:
         """Return the smallest singular values (k,) of the arm without freedoms, which follows the path, and the sides (k,)."""
-        own = np.ascontiguousarray(q[:, : self._own.n])
-        sides = np.sign(np.linalg.det(self._own.jacobian(own))) if self._own.n == 6 else np.zeros(len(q))
-        return smallest_singular_values(self._own, own), sides
+        own = np.ascontiguousarray(q[:, : self.own.n])
+        sides = np.sign(np.linalg.det(self.own.jacobian(own))) if self.own.n == 6 else np.zeros(len(q))
+        return smallest_singular_values(self.own, own), sides
