@@ -31,6 +31,8 @@ WORTHLESS = 1e-4
 freedom is used."""
 LEAST_GAIN = 1e-4
 """Least fraction by which a chosen path must shorten the motion to be used."""
+NEARLY, TRAVEL_SAMPLES = 1.002, 1001
+"""Ratio to the shortest duration up to which the motion with the least travel of the joints is taken; samples of a motion."""
 REPORT_POINTS = 101
 """Points along the path at which a result shows the coordinates."""
 SHAPE_DAMPING = 1e-2
@@ -39,6 +41,8 @@ POINTS_PER_COEFFICIENT = 3
 """Grid points for each coefficient of the default number: with fewer the path bends between them, where nothing limits it."""
 MORE_COEFFICIENTS = (1.5, 2.5, 5.0)
 """Numbers of coefficients, over the default one, that are tried where nothing is found around obstacles."""
+CHOSEN = "chosen"
+"""Outcome of a plan along another path than the initial one."""
 NOT_CHOSEN = "the initial coefficients: only the law optimal chooses them"
 """Outcome of a plan by another law."""
 NULL_STATIONS = 25
@@ -54,7 +58,7 @@ class FreedomResult:
     fixed_duration : float
         Duration of the motion along the initial path [s].
     gain : float
-        Fraction of it that the choice saves; 0 if the initial path was kept.
+        Fraction of it that the choice saves; 0 if the initial path was kept, at least −0.002 where the joints move less.
     outcome : str
         In words: chosen, or why the initial path was kept.
     ranges : tuple of CoordinateRange
@@ -85,9 +89,10 @@ class FreedomResult:
     unknown: tuple[str, ...] = ()
 
     def __str__(self) -> str:
-        moved = self.ranges if self.gain > 0.0 else ()
+        moved = self.ranges if self.gain else ()
         ranges = "; ".join(f"{one.name} {one.reached[0]:.3g} to {one.reached[1]:.3g} {one.unit}" for one in moved)
-        saved = f", {100.0 * self.gain:.3g} % shorter than {self.fixed_duration:.4g} s" if self.gain > 0.0 else ""
+        word = "shorter" if self.gain > 0.0 else "longer"
+        saved = f", {100.0 * abs(self.gain):.3g} % {word} than {self.fixed_duration:.4g} s" if self.gain else ""
         unknown = f"; chosen without {', '.join(self.unknown)}" if self.unknown else ""
         return f"  freedoms: {self.outcome}{saved}{'; ' + ranges if ranges else ''}{unknown}"
 
@@ -293,6 +298,19 @@ P = TypeVar("P", bound=Timed)
 """Type of the plans that are compared."""
 
 
+def measure_travel(q: Array) -> float:
+    """Return the sum over the joints of ∫|q̇| dt [rad, m], from configurations (k, n) along a motion."""
+    return float(np.abs(np.diff(q, axis=0)).sum())
+
+
+def pick_plan(plans: Sequence[P]) -> P:
+    """Return the plan with the least travel of the joints among those that take hardly longer than the shortest."""
+    motions = [plan.trajectory for plan in plans]
+    most, u = NEARLY * min(motion.duration for motion in motions), np.linspace(0.0, 1.0, TRAVEL_SAMPLES)
+    travels = [measure_travel(m(u * m.duration)) if m.duration <= most else np.inf for m in motions]
+    return plans[int(np.argmin(travels))]
+
+
 def choose(
     path: FreePath | PointToPoint, joint_path: JointPath, optimum: Optimum | None, fixed: P, *, held: bool,
     plan_along: Callable[[FreePath | PointToPoint, Array], P | None], ways: Sequence[FreeWay] = (),
@@ -310,13 +328,14 @@ def choose(
         outcome = "the initial path: the freedoms cannot shorten the motion"
         return fixed, report(path, duration, fixed, outcome, gradient)
     found, outcome = list(choice.solve()), "the initial path: the iteration found no other"
-    for solution in sorted(found, key=lambda one: one.duration):
+    near = NEARLY * min((one.duration for one in found), default=0.0)
+    for solution in sorted(found, key=lambda one: (max(one.duration, near), measure_travel(one.path[0]))):
         if solution.duration >= (1.0 - LEAST_GAIN) * duration:
             outcome = "the initial path: no other is shorter in time"
             break
         better = plan_along(choice.path_of(solution.p), solution.path[0, 0])
         if better is not None and better.trajectory.duration < (1.0 - LEAST_GAIN) * duration:
-            best, path, outcome = better, choice.path_of(solution.p), "chosen"
+            best, path, outcome = better, choice.path_of(solution.p), CHOSEN
             break
         outcome = "the initial path: no other is proved and shorter in time"
     return best, report(path, duration, best, outcome, gradient, len(found), sum(one.steps for one in found))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, ClassVar, Protocol, TypeVar
 
@@ -14,8 +14,9 @@ from optik.registry import label, short_name
 from optik.scene import Scene
 from optik.types import Array
 from planners.choice.avoid import choose_around, find_guess
-from planners.choice.choose import FreedomResult, Timed, choice_for, choose, report_fixed
+from planners.choice.choose import CHOSEN, FreedomResult, Timed, choice_for, choose, pick_plan, report, report_fixed
 from planners.choice.first_paths import MOST_WAYS, SearchReport, find_first_paths
+from planners.choice.orientations import find_easy
 from planners.following.follow import FollowResult, PlanFailure
 from planners.following.resolve.freedoms import FreeWay
 from planners.paths.base import Path
@@ -46,6 +47,10 @@ class TimedPlan(Timed, Protocol):
 
     def __bool__(self) -> bool:
         """Whether the plan is valid."""
+
+    @property
+    def law(self) -> str:
+        """Name of its time law."""
 
     @property
     def freedom(self) -> FreedomResult | None:
@@ -79,21 +84,45 @@ class PathPlanner(Protocol[R]):
 
 def choose_path(
     planner: PathPlanner[Q], path: FreePath | PointToPoint, followed: FollowResult, scene: Scene | None,
-    ways: Sequence[FreeWay] = (), *, held: bool,
+    ways: Sequence[FreeWay] = (), *, held: bool, retime: Callable[[Q], Q] | None = None,
 ) -> Q:  # fmt: skip
-    """Return the fastest plan over the freedoms of a path."""
+    """Return the plan over the freedoms of a path with the least motion of the joints among those that are nearly the fastest.
+
+    The planner chooses paths by the law optimal; the plans are compared with the law of `retime`, if there is one.
+    """
+
+    def time_along(chosen: FreePath | PointToPoint, q: Array) -> tuple[Q, Optimum | None]:
+        return planner.time(chosen, planner.follow_from(chosen, q, scene), None)
 
     def plan_along(chosen: FreePath | PointToPoint, q: Array) -> Q | None:
-        return planner.time(chosen, planner.follow_from(chosen, q, scene), None)[0] or None
+        return time_along(chosen, q)[0] or None
 
     fixed, optimum = planner.time(path, followed, None)
     if not fixed:
         return fixed
-    if scene is not None and path.segments > FEW_SEGMENTS:
-        outcome = "the initial path: avoid=True optimises it in the scene"
-        return replace(fixed, freedom=report_fixed(path, fixed, outcome))
-    found, result = choose(path, fixed.joint_path, optimum, fixed, held=held, plan_along=plan_along, ways=ways)
-    return replace(found, freedom=result)
+    timed, result = [(fixed, optimum)], report_fixed(path, fixed)
+    if isinstance(path, FreePath):
+        easy = find_easy(path, fixed.joint_path, ways, held=held)
+        timed += [one for chosen, q in easy if (one := time_along(chosen, q))[0]]
+    if scene is None or path.segments <= FEW_SEGMENTS:
+        begun, optimum = min(timed, key=lambda one: one[0].trajectory.duration)
+        first = begun.path if begun is not fixed and isinstance(begun.path, FreePath) else path
+        found, result = choose(first, begun.joint_path, optimum, begun, held=held, plan_along=plan_along, ways=ways)
+        timed += [(found, None)] if found is not begun else []
+    else:
+        result = replace(result, outcome="the initial path: avoid=True optimises it in the scene")
+    plans = [plan if retime is None else retime(plan) for plan, _ in timed]
+    best, before = pick_plan([plan for plan in plans if plan] or plans[:1]), plans[0]
+    if not best:
+        return best
+    duration, outcome = (before if before else best).trajectory.duration, result.outcome
+    if best is not before:
+        outcome = CHOSEN if best.law == fixed.law else f"{CHOSEN} by the law optimal"
+        outcome += "" if best.trajectory.duration < duration else ": the joints move less"
+    elif outcome == CHOSEN:
+        outcome = "the initial path: no other takes clearly less time, or less motion of the joints"
+    chosen = best.path if isinstance(best.path, FreePath | PointToPoint) else path
+    return replace(best, freedom=report(chosen, duration, best, outcome, result.gradient, result.starts, result.steps))
 
 
 def choose_way(

@@ -115,6 +115,19 @@ class JointPath(PiecewiseCurve):
         return float(out[:, 0].max()), float(out[:, 1].max())
 
 
+def cut_joints(joints: JointPath, path: Path, begin: float, until: float) -> JointPath:
+    """Return the joints from one s to another, as those of a path that is this part."""
+    ends, s, record = np.array([begin, until]), joints.knots, joints.ik
+    inner, own, at = (s > begin) & (s < until), (record.s >= begin) & (record.s <= until), np.searchsorted(s, ends)
+    given = np.concatenate([joints.q[:, None], joints.derivatives], axis=1)
+    between = np.stack([joints(ends, order) for order in range(4)], axis=1)
+    first, last = np.where((s[at] == ends)[:, None, None], given[at], between)
+    values, knots = np.stack([first, *given[inner], last]), np.concatenate([[0.0], s[inner] - begin, [path.end]])
+    ik = IKRecord(record.position_error[own], record.rotation_error[own], record.iterations[own], record.s[own] - begin)
+    chosen = np.isin(np.arange(len(knots)), thin_knots(knots, joints.nodes - begin))
+    return JointPath(joints.robot, path, knots, values[:, 0], values[:, 1:], ik, chosen)
+
+
 def smallest_singular_values(robot: Robot, q: Array) -> Array:
     """Return the smallest singular values of the Jacobian, compiled: `Robot.singular_values` takes twice as long."""
     values = np.empty(len(q))

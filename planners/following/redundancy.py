@@ -86,9 +86,10 @@ class NullSpaceMotion:
         self.robot, self.path, self.held, self.rooms = robot, path, held, rooms
         half = np.where(robot.limits.bounded, robot.limits.half, np.inf)  # a locked joint has no range
         self.chain, self.ranges = robot.chain, (robot.limits.middle, half)
+        rest = np.linspace(0.0, path.end, GUIDE_STATIONS)
         self.first: Array = np.linalg.svd(robot.jacobian(way[0]))[2][6:].T.copy()
         self.s, self.way, self.keep_off = s[: len(way)], way, BARRIER_WEIGHT
-        self._continue(s[len(way) :])
+        self._continue(np.append(s[len(way) :], rest[rest > s[-1]]))
         if smooth:
             self._smooth()
 
@@ -158,21 +159,21 @@ class NullSpaceMotion:
         return True
 
     def guide(self) -> Guide:
-        """Return the guide through the configurations and the null spaces there; behind the last one it is constant."""
+        """Return the guide through the configurations and the null spaces there; behind the last one by its Taylor polynomial.
+
+        A guide that were constant behind the last station would have a kink there, and q' with it.
+        """
         s, N = self.s, self.N
         k, n, d = N.shape
         both = np.concatenate([np.swapaxes(N, 1, 2).reshape(k, d * n), self.way], axis=1)
-        spline = scipy.interpolate.make_interp_spline(s, both, k=min(5, k - 1)) if k > 1 else None
+        spline = scipy.interpolate.make_interp_spline(s, both, k=min(5, k - 1))
 
         def guide(at: Array) -> tuple[Array, Array]:
-            orders = np.zeros((at.size, 4, (d + 1) * n))
-            inside = at <= s[-1]
-            orders[~inside, 0] = both[-1]
-            if spline is None:
-                orders[:, 0] = both[0]
-            else:
-                for order in range(min(4, spline.k + 1)):
-                    orders[inside, order] = spline(at[inside], order)
+            inside, u = np.minimum(at, s[-1]), np.maximum(at - s[-1], 0.0)[:, None]
+            orders = np.stack([spline(inside, order) for order in range(4)], axis=1)
+            orders[:, 0] += u * (orders[:, 1] + u * (orders[:, 2] / 2.0 + u * orders[:, 3] / 6.0))
+            orders[:, 1] += u * (orders[:, 2] + u * orders[:, 3] / 2.0)
+            orders[:, 2] += u * orders[:, 3]
             rows, g = orders[:, :, : d * n].reshape(at.size, 4, d, n), orders[:, :, d * n :]
             values = np.zeros((at.size, 4, d))
             for order, terms in enumerate(((1,), (1, 1), (1, 2, 1), (1, 3, 3, 1))):  # Leibniz

@@ -20,7 +20,7 @@ BARRIER_WEIGHT = 0.3
 """Weight of the barrier at the limits, −Σ ln(1 − x²) with x = (q − middle) / half, beside ½ the squared motion."""
 LOG_EDGE = 0.98
 """The barrier continues as a parabola beyond this x, so that it has derivatives outside the limits, too."""
-SMOOTHING_ROUNDS = 12
+SMOOTHING_ROUNDS = 60
 """Most Newton steps of smoothing."""
 SMOOTHING_CONVERGED = 1e-4
 """Smoothing has converged if a step moves no joint further than this [rad or m]: the guide need not be exact."""

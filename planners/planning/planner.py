@@ -16,7 +16,7 @@ from optik.ik.problem import check_start
 from optik.scene import Scene
 from optik.types import Array
 from planners.certificate.certification import certify
-from planners.choice.choose import report, report_fixed
+from planners.choice.choose import pick_plan, report, report_fixed
 from planners.choice.first_paths import DEFAULT_SEARCH, advise_elbow
 from planners.choice.ways import DENSITIES, FEW_SEGMENTS, choose_path, choose_way
 from planners.following.collision import CollisionCheck
@@ -83,12 +83,12 @@ class MotionPlanner:
         elif around and (followed.joint_path is not None or isinstance(path, PointToPoint)):
             found = planner._avoid(path, followed, ways, held)
         else:
-            found = choose_path(planner, path, followed, self.request.scene, ways, held=held)
-        if planner is not self and isinstance(path, FreePath):
+            retime = None if planner is self and self._density(path) == 1.0 else self._retime
+            found = choose_path(planner, path, followed, self.request.scene, ways, held=held, retime=retime)
+        if planner is not self and isinstance(path, FreePath) and (around or not found):
             found = self._time_again(found, path, followed)
         if isinstance(path, FreePath | PointToPoint):
-            density = DENSITIES[-1] if around else 1.0
-            found = replace(self._finish(found, duration, density), freedom=found.freedom, search=found.search)
+            found = replace(self._finish(found, duration), freedom=found.freedom, search=found.search)
         proof = found.seconds.certificate
         seconds = PlanSeconds(ended - started, perf_counter() - ended - proof, proof)
         return replace(found, seconds=seconds, resolution=followed.resolution)
@@ -213,6 +213,14 @@ class MotionPlanner:
             limits = replace(limits, **speed)
         return replace(self, request=replace(self.request, law=Optimal(), limits=limits))
 
+    def _density(self, path: Path) -> float:
+        """Return the density of the grid for a path that is chosen: finer around obstacles, and where it has many segments."""
+        return DENSITIES[-1] if self.request.avoid is not False or path.segments > FEW_SEGMENTS else 1.0
+
+    def _retime(self, found: Plan) -> Plan:
+        """Return the motion of this planner's law along the path of another plan."""
+        return self.time(found.path, FollowResult(found.joint_path, None), None, self._density(found.path))[0]
+
     def _time_again(self, chosen: Plan, path: FreePath, followed: FollowResult) -> Plan:
         """Return the shorter motion of this planner's law along the initial path and along the chosen one."""
         first, freedom = self.time(path, followed, None)[0], chosen.freedom
@@ -221,9 +229,11 @@ class MotionPlanner:
                 freedom = freedom if chosen else report_fixed(path, first)
             failure = advise_elbow(first.failure, path, self.request.robot) if chosen.search else first.failure
             return replace(first, freedom=freedom if first.has_motion else None, search=chosen.search, failure=failure)
-        found = self.time(chosen.path, FollowResult(chosen.joint_path, None), None)[0]
-        if first and not (found and found.trajectory.duration < first.trajectory.duration):
-            what = "the initial path: with this law it takes less time than the path that optimal chooses"
+        found = self._retime(chosen)
+        if first and not (found and pick_plan([first, found]) is found):
+            what = (
+                "the initial path: with this law it takes less time, or less motion, than the path that optimal chooses"
+            )
             return replace(first, freedom=report(path, first.trajectory.duration, first, what), search=chosen.search)
         if not found:
             return found
@@ -232,10 +242,10 @@ class MotionPlanner:
         made = report(found.path, before, found, "chosen by the law optimal")
         return replace(found, freedom=made, search=chosen.search)
 
-    def _finish(self, found: Plan, duration: float | None, density: float = 1.0) -> Plan:
+    def _finish(self, found: Plan, duration: float | None) -> Plan:
         """Return a plan along a chosen path with the requested duration, if it meets its via points."""
         if duration is not None and found:
-            found = self.time(found.path, FollowResult(found.joint_path, None), duration, density)[0]
+            found = self.time(found.path, FollowResult(found.joint_path, None), duration, self._density(found.path))[0]
         if isinstance(found.path, PointToPoint) and (missed := found.path.list_missed()):
             reason = f"the via point at s = {missed[0].s:.6g} {found.path.unit} is missed by more than its tolerance"
             status, advice = PlanStatus.NOT_PROVED, "a wider tolerance, or via points farther apart"

@@ -31,8 +31,11 @@ from planners.motion.plot import motion_card, plot_motion
 from planners.motion.show import show_motion
 from planners.paths.base import Path
 from planners.ros.export import RosExport
-from planners.timing.base import StopKind
+from planners.timing.base import StopKind, speed_bound
 from planners.trajectory import Trajectory
+
+FAR_SLOWER, SLOWNESS_POINTS = 30.0, 257
+"""Ratio of a duration to that at the limits on velocities from which a plan says where it is slow; points of its path."""
 
 
 class PlanSeconds(NamedTuple):
@@ -174,7 +177,22 @@ class Plan:
         summary = plan_summary(
             f"{self.status}: {self._title}", path, failure, self._certificate, self.slowed, self.least_duration
         )
-        return "\n".join([summary, *(str(part) for part in (self.resolution, self.freedom) if part is not None)])
+        parts = (self.slowness, self.resolution, self.freedom)
+        return "\n".join([summary, *(str(part) for part in parts if part is not None)])
+
+    @property
+    def slowness(self) -> str | None:
+        """Where a motion is far slower than its limits on velocities require, in words; None if it is not."""
+        if not self or self.prefix is None or self.speed is not None or self.span is not None:
+            return None
+        s, t = np.linspace(0.0, self.prefix.end, SLOWNESS_POINTS), np.linspace(0.0, self.duration, SLOWNESS_POINTS)
+        least = float(np.trapezoid(1.0 / speed_bound(self.prefix, self.limits, s), s))
+        times = self.duration / (least + compute_least_duration(np.ptp(self.prefix(s), axis=0), self.limits))
+        at = s[np.bincount(np.searchsorted(s, [self.certificate.s_at(x) for x in t])).argmax()]
+        words = (
+            f"  slow: {times:.3g} times as long as the limits on velocities require; the joints turn sharply near s = "
+        )
+        return f"{words}{at:.4g} {self.path.unit}" if times > FAR_SLOWER else None
 
     @property
     def has_motion(self) -> bool:

@@ -15,6 +15,8 @@ from planners.paths.joint_curve import JointCurve
 
 MIDDLE = 5.0 / 64.0
 """F(1/2): the fraction of a zone's width that either part is past or before the corner in the middle."""
+SMOOTH_FACTOR, LEAST_HALF = 4.0, 0.02
+"""Half width of a smooth corner over the width in which it bends as the parts do; its least half width [rad, m]."""
 SEARCH_SAMPLES = 33
 """Samples of a corner in the search of its width."""
 NARROW, WIDE, SEARCH_STEPS = 0.96, 0.99, 8
@@ -49,6 +51,15 @@ def reverses(one: JointCurve, two: JointCurve) -> bool:
     """Return whether the second curve goes back where the first one came from."""
     a, b = one.derivatives[-1, 0], two.derivatives[0, 0]
     return bool(np.linalg.norm(a / np.linalg.norm(a) + b / np.linalg.norm(b)) < REVERSED)
+
+
+def find_smooth_half(one: JointCurve, two: JointCurve) -> float:
+    """Return the half width of a corner that bends no more than its parts do: a wider one leaves the path for no gain."""
+    kink, bend, _ = np.linalg.norm(two.derivatives[0] - one.derivatives[-1], axis=1)
+    usual = max(float(np.linalg.norm(x.derivatives[:, 2], axis=1).mean()) for x in (one, two))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        half = SMOOTH_FACTOR * np.fmax(np.sqrt(kink / usual), bend / usual)
+    return float(np.fmax(half, LEAST_HALF))
 
 
 def find_half_width(robot: Robot, one: JointCurve, two: JointCurve, zone: Array, most: float) -> float:
@@ -110,18 +121,27 @@ def place_nodes(joints: Callable[[Array], Array], s: Array, least: float) -> tup
 def _round(one: JointCurve, two: JointCurve, half: float, u: Array) -> Array:
     """Return the joints (k, 4, n) of the corner of a half width at u in [0, 1].
 
-    q = q₁(ℓ₁ − w F(1 − u)) + q₂(w F(u)) − q_c with w = 2h and F = u⁴ (2.5 − 3u + u²): both motions superposed. The first one
-    slows down from 1 to 0 as the second one begins, with f = F' = 10u³ − 15u⁴ + 6u⁵, so that all derivatives up to the third
-    are continuous at both ends.
+    q = p(w (u − ½)) + (q₁ − p)(−w F(1 − u)) + (q₂ − p)(w F(u)), with w = 2h and F = u⁴ (2.5 − 3u + u²): both motions are
+    superposed, but for what both curves do. The first one slows down from 1 to 0 as the second one begins, with
+    f = F' = 10u³ − 15u⁴ + 6u⁵, so that all derivatives up to the third are continuous at both ends. p is a cubic whose second
+    and third derivatives are the lesser ones of both curves there, and 0 where signs differ: a curve that goes on stays.
     """
     w = 2.0 * half
-    out = np.zeros((u.size, 4, one.robot.n))
+    both = np.stack([one.derivatives[-1, 1:], two.derivatives[0, 1:]])
+    bend, twist = np.where(both.prod(axis=0) > 0.0, np.sign(both[0]) * np.abs(both).min(axis=0), 0.0)
+
+    def common(x: Array) -> Array:
+        y = x[:, None]
+        orders = y**2 * (bend / 2.0 + y * twist / 6.0), y * (bend + y * twist / 2.0), bend + y * twist, twist + 0.0 * y
+        return np.stack(orders, axis=1)
+
+    out = common(w * (u - 0.5))
     for curve, x, sign in ((one, 1.0 - u, -1.0), (two, u, 1.0)):
         covered = w * x**4 * (2.5 + x * (x - 3.0))
         rate = x**3 * (10.0 + x * (6.0 * x - 15.0))
         second, third = sign * 30.0 * (x * (1.0 - x)) ** 2 / w, 60.0 * x * (1.0 - x) * (1.0 - 2.0 * x) / w**2
         at = covered if sign > 0.0 else curve.end - covered
-        q = curve.coordinates(np.clip(at, 0.0, curve.end))
+        q = curve.coordinates(np.clip(at, 0.0, curve.end)) - common(sign * covered)
         r1, r2, r3 = (r[:, None] for r in (rate, second, third))
         out[:, 0] += q[:, 0]
         out[:, 1] += q[:, 1] * r1

@@ -19,8 +19,8 @@ from planners.certificate.sections import Conditions, conditions_for
 from planners.following.branches import find_branches
 from planners.following.collision import CollisionCheck
 from planners.following.failure import PlanFailure
-from planners.following.follow import follow
-from planners.following.joint_path import JointPath
+from planners.following.follow import FollowResult, follow
+from planners.following.joint_path import JointPath, cut_joints
 from planners.limits import TOOL_SPEEDS, MotionLimits
 from planners.motion import PlanStatus
 from planners.paths.base import Path
@@ -30,6 +30,7 @@ from planners.paths.goal import unwind
 from planners.paths.joint_curve import JointCurve
 from planners.paths.joint_line import JointLine
 from planners.paths.poses import NO_LENGTH
+from planners.paths.program import ProgramPath
 from planners.planning.result import Plan
 from planners.program.parts import Part, Program, ToolChange, find_path
 
@@ -39,6 +40,8 @@ GAP = 1e-6
 """Largest distance [m, rad] of the start of a part's path from the end of the part before, which counts as rounding."""
 MOST_MOVED = 3.0
 """Largest distance of the tool from a part whose gap fades out along it, over the largest gap."""
+SMOOTH = 1e-6
+"""Largest difference of the twists, and of their first two derivatives, between two parts of which one goes smoothly on."""
 NO_GAP = 1e-12
 """Rounding of the joints [rad, m] where the tool's path is solved for again."""
 FOLLOWED = 0.95
@@ -94,6 +97,11 @@ class PartFollower:
     options: Options
 
     # ------------------------------------------------------------ following the parts
+
+    @cached_property
+    def _ahead(self) -> dict[int, JointPath]:
+        """Parts that were followed together with one before them."""
+        return {}
 
     @cached_property
     def robots(self) -> list[Robot]:
@@ -222,7 +230,7 @@ class PartFollower:
                 return Leg(k, robot, path, None, (q, q))
             if part.avoid is not False or isinstance(path, FreePath):
                 return self._plan_part(k, path if chosen is None and isinstance(goal, Path) else None, q, chosen)
-            followed = self._follow_path(robot, path, None if path.in_joints else q, None)
+            followed = self._follow_on(k, path, q)
         except InvalidInput as error:
             if error.argument.startswith(label):
                 raise
@@ -231,6 +239,38 @@ class PartFollower:
             return self.explain(k, path, followed.failure, followed.joint_path)
         path, joints = self._close_gap(k, path, followed.joint_path, q)
         return Leg(k, robot, path, joints, (q, joints.q[-1]))
+
+    def _follow_on(self, k: int, path: Path, q: Array) -> Any:
+        """Return a part followed from a configuration; of a redundant arm with those that go smoothly on from it."""
+        known, robot, paths = self._ahead.pop(k, None), self.robots[k], [path]
+        if known is not None and np.array_equal(known.q[0], q):
+            return FollowResult(known, None)
+        while robot.n > 6 and (further := self._find_further(k + len(paths) - 1, paths[-1])) is not None:
+            paths.append(further)
+        if len(paths) > 1:
+            whole = ProgramPath(paths, [robot] * len(paths))
+            joints = self._follow_path(robot, whole, q, None)
+            if joints:
+                for i, (part, a, b) in enumerate(zip(paths, whole.starts[:-1], whole.starts[1:], strict=True), k):
+                    self._ahead[i] = cut_joints(joints.joint_path, part, a, b)
+                return FollowResult(self._ahead.pop(k), None)
+        return self._follow_path(robot, path, None if path.in_joints else q, None)  # type: ignore[arg-type]
+
+    def _find_further(self, k: int, path: Path) -> Path | None:
+        """Return the path of the part after part k if it goes on from a path without a stop, a corner or a bend."""
+        parts, i = self.program.parts, k + 1
+        if (
+            parts[k].blend == 0.0
+            or i == len(parts)
+            or self.robots[i] is not self.robots[k]
+            or parts[i].avoid is not False
+        ):
+            return None
+        further = None if path.in_joints else find_path(parts[i], path.pose(path.end))
+        if further is None or isinstance(further, FreePath) or further.unit != path.unit or not further.end > 0.0:
+            return None
+        off = [np.abs(further(0.0, order) - path(path.end, order)).max() for order in range(4)]
+        return further if off[0] <= GAP and max(off[1:]) <= SMOOTH else None
 
     def _close_gap(self, k: int, path: Path, joints: JointPath, q: Array) -> tuple[Path, JointPath]:
         """Return a followed part that begins exactly where the arm is: a gap that counts as rounding fades out along it."""

@@ -16,16 +16,18 @@ from planners.paths.base import Path
 from planners.paths.joint_curve import JointCurve
 from planners.paths.joint_line import JointLine
 from planners.paths.point_to_point import PointToPoint
-from planners.program.corners import Zone, build_zone, find_half_width, place_nodes, reverses
+from planners.program.corners import Zone, build_zone, find_half_width, find_smooth_half, place_nodes, reverses
 
 LENGTH_CHORDS = 16
 """Chords that measure the length of a part in joint space: only a scale of s."""
+STRAIGHT_ON = 0.99
+"""Cosine of the angle in joint space from which a part goes on in the direction of the part before: 8°."""
 BREAK_SPACING = 0.2
 """Longest piece between breaks [rad, m]: a certificate searches a motion among the chords of each piece."""
 NEAREST_BREAK = 0.01
 """Least distance of a break from the next one, as a fraction of the usual one."""
-SHARE = 0.999
-"""Fraction of a part that its zones may cover together."""
+SHARE, SHARE_OF_SHORT = 0.999, 2.0 / 3.0
+"""Fraction of a part that its zones may cover together, at most, and at least of a part as short as nodes are apart."""
 NEAR_NODE = 0.02
 """Least distance of a node of a joint-space part from a zone, as a fraction of what is left of the part."""
 
@@ -64,8 +66,11 @@ class Corner:
     reduced: str = ""
 
 
-def sharpen(robot: Robot, path: Path, joints: JointPath | None) -> Sharp:
-    """Return a part as a curve of the joints: through the nodes of its joint path, or itself if it is a curve of the joints."""
+def sharpen(robot: Robot, path: Path, joints: JointPath | None, before: Sharp | None = None) -> Sharp:
+    """Return a part as a curve of the joints: through the nodes of its joint path, or itself if it is a curve of the joints.
+
+    Where it goes on in the direction of the part before, its length is scaled so that the joints are as fast in s there.
+    """
     own = isinstance(path, JointLine | PointToPoint)
     if own:  # septics between its breaks are the path itself
         s = path.breaks
@@ -76,6 +81,10 @@ def sharpen(robot: Robot, path: Path, joints: JointPath | None) -> Sharp:
     curve = JointCurve(robot, s, values[:, 0], values[:, 1:], breaks=s[[0, -1]])
     along = curve.configurations(robot, np.linspace(0.0, curve.end, LENGTH_CHORDS + 1))
     factor = float(np.linalg.norm(np.diff(along, axis=0), axis=1).sum()) / curve.end
+    if before is not None:
+        a, b = before.curve.derivatives[-1, 0], values[0, 1]
+        sizes = float(np.linalg.norm(a)), float(np.linalg.norm(b))
+        factor = sizes[1] / sizes[0] if a @ b > STRAIGHT_ON * sizes[0] * sizes[1] else factor
     scale = factor ** np.arange(1, 4)[:, None]
     curve = JointCurve(robot, s * factor, values[:, 0], values[:, 1:] / scale, breaks=s[[0, -1]] * factor)
     return Sharp(curve, path.breaks * factor, 0.0 if own else 2.0 * LEAST_SPACING * factor)
@@ -89,22 +98,28 @@ def round_corners(
     zones = [zone - used for zone in zones]
     curves, half, why = [part.curve for part in parts], list[float](), list[str]()
     for one, two, zone in zip(curves[:-1], curves[1:], zones, strict=True):
-        most = SHARE * min(one.end, two.end)
+        smooth, most = find_smooth_half(one, two), min(_share(one), _share(two))
         stop = "the path reverses its direction there" if reverses(one, two) else ""
         stop = "its zone is not larger than the tolerance" if (zone <= 0.0).any() else stop
-        half.append(0.0 if stop else find_half_width(robot, one, two, zone, most))
-        why.append(stop or ("the shorter of its parts ends" if half[-1] >= most else ""))
+        half.append(0.0 if stop else find_half_width(robot, one, two, zone, min(smooth, most)))
+        narrow = "the parts hardly bend there" if half[-1] >= smooth else ""
+        why.append(stop or ("the shorter of its parts ends" if half[-1] >= most else narrow))
     for i, curve in enumerate(curves[1:-1]):
         both = half[i] + half[i + 1]
-        if both > SHARE * curve.end:
+        if both > _share(curve):
             for k in (i, i + 1):
-                half[k] *= SHARE * curve.end / both
+                half[k] *= _share(curve) / both
                 why[k] = why[k] or f"it shares a part with the zone {'after' if k == i else 'before'} it"
     found: list[tuple[Zone | None, str]] = []
     for one, two, zone, h, reason in zip(curves[:-1], curves[1:], zones, half, why, strict=True):
         built, narrower = build_zone(robot, one, two, zone, h) if h else (None, "")
         found.append((built, narrower or reason))
     return found
+
+
+def _share(curve: JointCurve) -> float:
+    """Return how much of a part its zones may cover together: in what is left, rounding must not show in third derivatives."""
+    return max(min(SHARE * curve.end, curve.end - 2.0 * LEAST_SPACING), SHARE_OF_SHORT * curve.end)
 
 
 def join_parts(robot: Robot, parts: Sequence[Sharp], zones: Sequence[Zone]) -> tuple[JointCurve, Array]:

@@ -133,7 +133,9 @@ class ProgramPlanner:
         zones = [np.min([part.zone for part in parts[a.part : b.part]], axis=0) for a, b in itertools.pairwise(legs)]
         robot, tolerance, n = legs[0].robot, self.options.tolerance, len(legs)
         tries, reasons = np.zeros(max(n - 1, 0), int), [""] * (n - 1)
-        sharp = [sharpen(robot, leg.path, leg.joint_path) for leg in legs] if n > 1 else []
+        sharp: list[Sharp] = []
+        for leg in legs if n > 1 else ():
+            sharp.append(sharpen(robot, leg.path, leg.joint_path, sharp[-1] if sharp else None))
         while True:
             scaled = [zone * NARROWER**k for zone, k in zip(zones, tries, strict=True)]
             made = round_corners(robot, sharp, scaled, tolerance) if n > 1 else []

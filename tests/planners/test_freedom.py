@@ -6,19 +6,36 @@ import subprocess
 import sys
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from scipy.interpolate import PPoly
 
 import optik
-from optik import Robot, dynamics
+import planners
+from optik import Robot, dynamics, se3
 from optik.arm.inertia import Inertia
+from optik.arm.library import load
 from optik.errors import InvalidInput, UnknownName
 from optik.ik import make_solver
 from optik.types import Array
-from planners import JointLine, Line, MotionLimits, PointToPoint, Polyline, follow, free, plan
-from planners.choice.choose import Choice
+from planners import (
+    Arc,
+    JointLine,
+    Line,
+    MotionLimits,
+    PointToPoint,
+    Polyline,
+    Trajectory,
+    follow,
+    free,
+    make_law,
+    plan,
+)
+from planners.choice.choose import Choice, pick_plan
+from planners.choice.orientations import OFFSETS, _list_turns
 from planners.choice.solve import _Box, _Iteration, solve
 from planners.choice.torques import torque_changes
 from planners.paths.control_curve import ControlBounds
@@ -528,3 +545,66 @@ def test_shapes_are_chosen_for_the_speed_of_the_body() -> None:
         assert "chosen without" not in str(found) and found.freedom.unknown == ()
         gains.append(1.0 - found.duration / straight.duration)
     assert max(gains) > 0.05 and min(gains) > -1e-3
+
+
+# ---------------------------------------------------------------- given poses that wind
+def winding_seam(yaw: Array) -> Polyline:
+    """A wave of 24 waypoints in front of an irb120; the tool points down and is turned about its axis."""
+    u = np.linspace(0.0, 1.0, yaw.size)
+    points = np.stack([0.36 + 0.02 * np.sin(2.0 * np.pi * u), 0.25 * (u - 0.5), np.full(yaw.size, 0.34)], axis=1)
+    turned = se3.exp_so3(np.stack([0.0 * yaw, 0.0 * yaw, yaw], axis=1)) @ np.diag([1.0, -1.0, -1.0])
+    return Polyline([se3.pose(R, p) for R, p in zip(turned, points, strict=True)], blend=2e-3)
+
+
+def travel_of(found: planners.Plan) -> float:
+    return float(np.abs(np.diff(found.trajectory(np.linspace(0.0, found.duration, 1001)), axis=0)).sum())
+
+
+@pytest.mark.parametrize("law", ["optimal", "constant_speed"])
+@pytest.mark.parametrize("winding", [4.5, -6.0])
+def test_a_free_turn_unwinds_the_given_yaw(law: str, winding: float) -> None:
+    robot, timing = load("irb120"), make_law(law, **({"speed": 0.02} if law == "constant_speed" else {}))
+    limits = MotionLimits.of(robot, acceleration=5.0, jerk=50.0, tool_speed=0.05)
+    given = winding_seam(winding * np.linspace(-0.5, 0.5, 24))
+    found = planners.plan(robot, free(given, turn=abs(winding)), limits=limits, timing=timing)
+    constant = [
+        planners.plan(robot, winding_seam(np.full(24, yaw)), limits=limits, timing=timing)
+        for yaw in (0.0, 1.5, 3.0, 4.5)
+    ]
+    solved = [plan for plan in constant if plan]
+    shortest = min(plan.duration for plan in solved)
+    assert found.duration <= 1.002 * shortest
+    assert travel_of(found) <= 1.1 * min(travel_of(plan) for plan in solved if plan.duration <= 1.002 * shortest)
+    assert found.freedom is not None and found.freedom.outcome.startswith("chosen")
+
+
+@pytest.mark.parametrize("held", [False, True])
+def test_orientations_stay_constant_relative_to_the_base_and_to_the_tangent(held: bool) -> None:
+    s = np.linspace(0.0, 1.0, 401)
+    centre, first = np.array([0.4, 0.0, 0.3]), se3.pose(np.diag([1.0, -1.0, -1.0]), [0.5, 0.0, 0.3])
+    fixed = free(Arc.about(first, centre, [0.0, 0.0, 1.0], 3.0), turn=(-4.0, 2.0))  # winds against its tangent only
+    follows = free(
+        Arc.about(first, centre, [0.0, 0.0, 1.0], 3.0, orientation="arc"), turn=4.0
+    )  # and against the base only
+    for path, direction in (
+        (fixed, lambda R, t: np.einsum("ki,ki->k", R[:, :, 0], t)),
+        (follows, lambda R, _: R[:, 0, 0]),
+    ):
+        turns = list(_list_turns(path, 0, s * path.end, held=held))
+        assert len(turns) == (1 if held else OFFSETS)
+        R = path.given(s * path.end)[:, :3, :3]
+        tangents = path.given(s * path.end, 1)[:, :3]
+        for f in turns:
+            turned = R @ se3.exp_so3(np.stack([0.0 * f, 0.0 * f, f], axis=1))
+            assert np.ptp(direction(turned, tangents)) < 1e-4
+            low, high = path.bounds["turn"]
+            assert low - 1e-9 <= f.min() and f.max() <= high + 1e-9
+            assert not held or f[0] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_of_plans_that_are_nearly_as_fast_the_one_with_the_least_travel_is_taken() -> None:
+    def motion(duration: float, far: float) -> Any:
+        return SimpleNamespace(trajectory=Trajectory(PPoly(np.array([[[far / duration]], [[0.0]]]), [0.0, duration])))
+
+    plans = [motion(1.0, 2.0), motion(1.0019, 1.0), motion(1.0021, 0.5)]
+    assert pick_plan(plans) is plans[1]

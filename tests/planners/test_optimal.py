@@ -4,10 +4,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.interpolate import BPoly
 
+from optik.arm.library import load
 from optik.errors import InvalidInput, NoSolution
-from planners import MotionLimits, Trajectory, laws, make_law
+from optik.ik import make_solver
+from planners import JointLine, MotionLimits, Trajectory, follow, laws, make_law
 from planners.following.joint_path import JointPath
 from planners.limits import DERIVATIVES
+from planners.limits.velocity_by_position import VelocityByPositionLimit
 from planners.timing import optimal
 from planners.timing.base import PathState
 from planners.timing.interior_point import iteration, newton
@@ -179,6 +182,32 @@ def test_a_state_too_fast_to_stop_has_no_motion() -> None:
         Optimal().run_from(joint_path, LIMITS.scale(0.3), state)
     assert info.value.s == state.s
     assert info.value.advice
+
+
+@pytest.mark.parametrize("law", ["optimal", "smooth", "constant_speed", "toppra", "ruckig"])
+@pytest.mark.parametrize("joint", [0, 5])
+def test_a_joint_that_moves_where_its_velocity_limit_is_0_is_named(law: str, joint: int) -> None:
+    robot = load("fr3")
+    goal = robot.limits.middle.copy()
+    goal[joint] = robot.limits.upper[joint] - 1e-3
+    followed = follow(make_solver(robot, "lm"), JointLine(robot, robot.limits.middle, goal))
+    assert followed.joint_path is not None
+    options = {"speed": 0.1} if law == "constant_speed" else {}
+    with pytest.raises(NoSolution, match=f"{robot.joint_names[joint]} moves to its upper end .* is 0"):
+        make_law(law, **options).run(followed.joint_path, MotionLimits.of(robot))
+
+
+def test_a_limit_that_is_0_between_the_points_of_the_check_is_no_error_of_numbers(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    robot = load("fr3")
+    goal = robot.limits.middle.copy()
+    goal[0] = robot.limits.upper[0] - 1e-3
+    joint_path = follow(make_solver(robot, "lm"), JointLine(robot, robot.limits.middle, goal)).joint_path
+    assert joint_path is not None
+    monkeypatch.setattr(VelocityByPositionLimit, "check_still", lambda *_: None)
+    with pytest.raises(NoSolution, match="a limit on a velocity is 0 at s = "):
+        Optimal().run(joint_path, MotionLimits.of(robot))
 
 
 def test_laws_from_rest_only_say_so() -> None:

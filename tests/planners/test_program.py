@@ -31,6 +31,7 @@ from planners import (
     ToolChange,
 )
 from planners.motion.show import show_motion
+from planners.paths.joint_curve import JointCurve
 from planners.program.corners import ON_CURVE, _round, place_nodes
 from planners.program.following import fade_out
 from planners.program.joining import sharpen
@@ -131,6 +132,67 @@ def test_a_program_without_a_path_in_space_has_no_path_error_but_rounding():
     found = plan(Part(START + 0.2, blend=0.01), Part(START + np.array([0.3, 0.1, 0.0, 0.2, 0.0, 0.0])))
     assert found and len(found.sections) == 1
     assert found.certificate.path_error.distance < 1e-8 and found.certificate.path_error.angle < 5e-8
+
+
+def check_collinear(seed: int) -> None:
+    """One line of a random arm, and the same cut into two to four parts with zones between."""
+    rng, name = (
+        np.random.default_rng([31, seed]),
+        ("ur5e", "kr6", "irb120", "gen3lite", "panda", "iiwa14", "fr3")[seed % 7],
+    )
+    robot, one = optik.load(name), None
+    while not one:
+        q = robot.limits.middle + np.minimum(robot.limits.half, 2.5) * rng.uniform(-0.7, 0.7, robot.n)
+        start, way = robot.fk(q), rng.normal(size=3)
+        goal = start.copy()
+        goal[:3, 3] += rng.uniform(0.05, 0.3) * way / np.linalg.norm(way)
+        goal[:3, :3] = se3.exp_so3(0.3 * rng.normal(size=3) * (rng.random() < 0.5)) @ start[:3, :3]
+        line = Line(start, goal)
+        one = planners.plan(robot, line, q, limits=LIMITS) if robot.singular_values(q).min() > 0.05 else None
+    cuts = np.sort(rng.uniform(0.05, 0.95, rng.integers(1, 4)))
+    if seed % 3 == 0:
+        cuts = np.append(cuts, cuts[-1] + 2e-4 / line.end)  # a part of 0.2 mm
+    poses = [line.pose(f * line.end) for f in (0.0, *cuts, 1.0)]
+    parts = [
+        Part(Line(a, b), blend=2e-3 if i < len(cuts) else 0.0) for i, (a, b) in enumerate(itertools.pairwise(poses))
+    ]
+    whole = planners.plan(robot, Program(parts), q, limits=LIMITS)
+    assert whole and len(whole.sections) == 1, whole
+    assert whole.duration <= 1.002 * one.duration, (name, whole.duration / one.duration)
+    polyline = planners.plan(robot, Polyline(poses, blend=2e-3), q, limits=LIMITS)
+    assert polyline.duration <= 1.002 * one.duration, (name, polyline.duration / one.duration)
+
+
+@pytest.mark.parametrize("seed", range(14))
+def test_a_line_cut_into_parts_takes_no_longer(seed):
+    check_collinear(seed)
+
+
+@pytest.mark.soak
+def test_a_hundred_lines_cut_into_parts_take_no_longer():
+    for seed in range(14, 114):
+        check_collinear(seed)
+
+
+def test_a_corner_of_a_cubic_that_goes_on_is_the_cubic():
+    c = np.random.default_rng(3).normal(size=(4, 6)) * np.array([0.3, 1.0, 2.0, 9.0])[:, None]
+
+    def cubic(s: Array) -> Array:
+        x = s[:, None]
+        orders = ((x**3 / 6, x**2 / 2, x, 1), (x**2 / 2, x, 1), (x, 1), (1,))
+        return np.stack(
+            [
+                START * (k == 0) + sum(a * b for a, b in zip(o, c[::-1], strict=False)) + 0 * x
+                for k, o in enumerate(orders)
+            ],
+            axis=1,
+        )
+
+    s = np.array([0.0, 0.1, 0.2])
+    at = cubic(s)
+    one, two = (JointCurve(ROBOT, s[:2], at[k : k + 2, 0], at[k : k + 2, 1:]) for k in (0, 1))
+    u = np.linspace(0.0, 1.0, 21)
+    np.testing.assert_allclose(_round(one, two, 0.08, u), cubic(0.1 + 0.16 * (u - 0.5)), atol=1e-8)
 
 
 @pytest.mark.filterwarnings("error")

@@ -11,12 +11,13 @@ from optik.errors import InvalidInput
 from optik.ik import make_solver
 from optik.se3 import exp_so3
 from optik.types import Array
-from planners import Line, follow
+from planners import Line, MotionLimits, follow, plan
 from planners.following import smoothing
 from planners.following.failure import FollowStatus
-from planners.following.redundancy import find_null_space_motions
+from planners.following.redundancy import NullSpaceMotion, find_null_space_motions
 from planners.paths.arc import Arc
 from tests import oracles
+from tests.planners.chains import draw_seam, two_arms
 from tests.planners.polylines import keeps_on
 
 
@@ -148,3 +149,51 @@ def test_an_arm_of_lower_rank_is_told_its_rank(joints: int, branch: str) -> None
     assert followed.joint_path is None and followed.failure is not None
     assert followed.failure.status is FollowStatus.SINGULAR
     assert "rank 4 of 6" in followed.failure.reason
+
+
+# ---------------------------------------------------------------- sequences that end before the path does
+def test_the_guide_has_no_kink_behind_its_last_station() -> None:
+    robot, q = load("iiwa14"), np.array([0.2, 0.5, 0.1, -1.2, 0.2, 0.9, 0.5])
+    line = Line(robot.fk(q), oracles.moved(robot.fk(q), np.array([0.1, 0.2, -0.1])))
+    motion = next(find_null_space_motions(robot, line, q, "start"))
+    motion.s, motion.way = motion.s[:12], motion.way[:12]
+    guide, end, h = motion.guide(), float(motion.s[11]), 1e-5
+    s = end + h * np.arange(-400.0, 401.0)
+    for orders in guide(s):
+        assert np.abs(orders[:, 1]).max() > 0.01  # it moves there
+        for order in range(3):
+            slope = np.gradient(orders[:, order], h, axis=0)[1:-1]
+            np.testing.assert_allclose(
+                slope, orders[1:-1, order + 1], atol=1e-3 * np.abs(orders[:, order + 1]).max() + 1e-6
+            )
+
+
+def test_a_sequence_that_ends_early_is_continued_to_the_end_of_the_path() -> None:
+    robot, q = load("iiwa14"), np.array([0.2, 0.5, 0.1, -1.2, 0.2, 0.9, 0.5])
+    line = Line(robot.fk(q), oracles.moved(robot.fk(q), np.array([0.1, 0.2, -0.1])))
+    whole = next(find_null_space_motions(robot, line, q, "start"))
+    begun = NullSpaceMotion(robot, line, whole.s[:10], whole.way[:10].copy(), held=True)
+    assert begun.s[-1] == line.end
+    np.testing.assert_allclose(begun.way, whole.way, atol=1e-3)
+
+
+@pytest.mark.parametrize("seed", [7, 12])
+def test_a_seam_of_two_arms_takes_no_minutes_where_the_search_is_stuck(seed: int) -> None:
+    robot = two_arms()
+    limits, path = MotionLimits.of(robot), draw_seam(np.random.default_rng([7, seed]), 0.6)
+    found = plan(robot, path, limits=limits)
+    assert found and found.resolution is not None and found.resolution.stuck is not None
+    s = np.linspace(0.0, path.end, 2000)
+    speed = np.abs(found.joint_path(s, 1))
+    fastest = float((speed / robot.limits.velocity).max(axis=1).mean()) * path.end
+    assert found.duration <= 3.0 * (fastest + 0.3)
+    assert np.abs(np.diff(speed, axis=0)).max() <= 0.1 * speed.max()
+    assert found.slowness is None
+
+
+def test_a_plan_says_where_it_is_far_slower_than_its_velocities_require() -> None:
+    robot, q = load("ur5e"), np.array([0.1, -1.5, 1.5, -1.2, -1.5, 0.3])
+    pose = oracles.moved(robot.fk(q), np.array([0.1, 0.2, -0.1]))
+    limits = MotionLimits(velocity=1.0, acceleration=5.0, jerk=50.0)
+    assert "slow:" not in str(plan(robot, pose, q, limits=limits))
+    assert "slow: 1" in str(plan(robot, pose, q, limits=limits, duration=150.0))
