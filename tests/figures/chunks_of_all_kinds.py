@@ -1,8 +1,8 @@
-"""Random chunks of all kinds on five arms, two of them with continuous joints: nothing raises, and what cannot be meant is kept.
+"""Random chunks of all kinds on five arms, two of them with continuous joints: nothing raises, what cannot be meant is kept.
 
 Kinds: usual ones, in degrees, wrapped at π, with stamps off by 10⁻³ to 10⁹ s, with repeated targets, alternating between the
-ends of the ranges, random, and beyond the ranges. One to 1,000 targets; one is refused by `Chunk`. The judge computes the excess
-over the ranges, the age and the jumps itself. CPU times are those of the second of two calls.
+ends of the ranges, random, and beyond the ranges. Two to 1,000 targets. The judge computes the excess
+over the ranges and the age itself. CPU times are those of the second of two calls.
 """
 
 from __future__ import annotations
