@@ -55,7 +55,7 @@ LATEST = 0.98
 """Latest entry into a chunk, over its duration."""
 LONGEST_WAIT = 10.0
 """Longest wait for a chunk that is observed in the future [s]."""
-WORK, LEAST_SPANS, LOADED, PROOF = 44, 100, 260, 10
+WORK, LEAST_SPANS, LOADED, PROOF = 40, 100, 230, 10
 """Work of one call for each joint and span of the reference, in intervals times iterations; least number of spans that count;
 the number that counts with limits of the whole arm; and the work of the proof of an interval with these."""
 SLOW = (2.0, 0.06)

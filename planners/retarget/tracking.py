@@ -118,9 +118,9 @@ def track(
     n, last, (ramp, end) = state.shape[1], when.size - 1, _find_horizon(state, limits, when[-1], target[-1])
     first, growth = min(0.3 * ramp, FIRST_INTERVAL[1], longest), GROWTH[0] if ramp < FIRST_INTERVAL[1] else GROWTH[1]
     first = max(first, min(FIRST_INTERVAL[0], longest))
-    most, used = int(min(end / longest, float(budget))) + SHORTER_INTERVALS, 0
-    if n * most * SET_UP > budget:
-        return -2, used, np.empty((n, 0)), np.empty(n, dtype=np.int64), np.empty((n, 4, 0))
+    if not n * (end / longest + SHORTER_INTERVALS) * SET_UP <= budget:
+        return -2, 0, np.empty((n, 0)), np.empty(n, dtype=np.int64), np.empty((n, 4, 0))
+    most, used = int(end / longest) + SHORTER_INTERVALS, 0
     knots, count, c = np.empty((n, most)), np.empty(n, dtype=np.int64), np.empty((n, 4, most))
     control, x0, box = np.empty(most), np.empty(3), np.empty((4, 2))
     t, w = np.empty(when.size + most), np.empty(when.size + most)

@@ -159,7 +159,7 @@ def test_a_call_ends_above_its_budget_of_work(monkeypatch: pytest.MonkeyPatch) -
     targets = 2.5 * np.sin(4.0 * when)[:, None] * np.ones(2)
     j, used, *_ = track(state, limits, when, targets, 0.04, 10**6)
     assert j == -1
-    for budget in (100, used // 2, used - 100):
+    for budget in (-1000, 0, 100, used // 2, used - 100):
         over, work, *_ = track(state, limits, when, targets, 0.04, budget)
         assert over == -2 and work <= budget + 2000
 
