@@ -254,7 +254,7 @@ class PartFollower:
                 for i, (part, a, b) in enumerate(zip(paths, whole.starts[:-1], whole.starts[1:], strict=True), k):
                     self._ahead[i] = cut_joints(joints.joint_path, part, a, b)
                 return FollowResult(self._ahead.pop(k), None)
-        return self._follow_path(robot, path, None if path.in_joints else q, None)  # type: ignore[arg-type]
+        return self._follow_path(robot, path, None if path.in_joints else q, None)
 
     def _find_further(self, k: int, path: Path) -> Path | None:
         """Return the path of the part after part k if it goes on from a path without a stop, a corner or a bend."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,11 +15,12 @@ from optik.errors import InvalidInput
 from optik.se3 import check_pose
 from optik.tables import Names, read_table
 from optik.types import Array
+from planners.certificate.checks import check_rate
 from planners.paths.goal import find_continuous, unwind
 
 FEWEST, MOST = 4, 1000
 """Points of a reference: a chunk with fewer is divided; and the largest number of a chunk."""
-BEYOND = (0.005, 0.1)
+OUTSIDE = (0.005, 0.1)
 """Distances beyond the ranges up to which targets are clipped to them: sliding joints [m], turning ones [rad]."""
 LIKE_DEGREES = 1.0
 """Distance beyond a range from which degrees are suspected [rad]."""
@@ -36,14 +36,14 @@ class Chunk:
         Targets, at least two: joints [rad, m], or poses of the tool in the base frame [1, m], which `retarget` follows on the
         branch of the running motion.
     rate : float
-        Targets per second [1/s].
+        Targets per second, in [10⁻⁶, 10⁹] [1/s].
     observed : float
         Time of the first target [s], on the clock of the running motion: the instant at which a policy observed the robot.
 
     Raises
     ------
     InvalidInput
-        Points that are not finite or fewer than two, a rate that is not above 0, or a time that is not finite.
+        Points that are not finite or fewer than two, a rate out of range, or a time that is not finite.
     """
 
     points: ArrayLike
@@ -61,67 +61,50 @@ class Chunk:
         if not poses and not (finite := np.isfinite(points).all(axis=1)).all():
             raise InvalidInput("points", f"{points[k := int(finite.argmin())]} in row {k}"[:80], expected)
         object.__setattr__(self, "points", points)
-        object.__setattr__(self, "rate", check_number(self.rate, "rate", "targets per second, above 0", above=0.0))
+        object.__setattr__(self, "rate", check_rate(self.rate))
         object.__setattr__(self, "observed", check_number(self.observed, "observed", "a time [s]"))
 
 
-class Targets(NamedTuple):
-    """Targets (m, n) inside the ranges, their rate [1/s], the numbers of changed and clipped ones, and of jumps by over π.
+def read_targets(
+    chunk: Chunk, robot: Robot, ranges: Array, near: Array, age: float
+) -> tuple[Array, float, int, int, int]:
+    """Return the targets (m, n) that are meant, their rate [1/s], and the numbers of changed and clipped ones, and of jumps.
 
-    `refused` says why a chunk cannot be meant; empty otherwise.
-    """
-
-    points: Array
-    rate: float
-    repaired: int
-    clipped: int
-    jumps: int
-    refused: str
-
-
-def read_targets(chunk: Chunk, robot: Robot, ranges: Array, near: Array, age: float) -> Targets:
-    """Return the targets that are meant, from a state's joints (n,) and the chunk's age [s]; ranges (n, 2).
-
-    Joints without limits take the shortest way, from target to target, and from the joints to the target of this age. A target
-    that equals the one before in all joints, but not the next one, stands for a missing one. It becomes the mean of its
-    neighbours.
+    Joints without limits take the shortest way, from target to target, and from joints (n,) to the target of an age [s]. A
+    target that equals the one before in all joints, but not the next one, stands for a missing one. It becomes the mean of its
+    neighbours. Targets outside ranges (n, 2) are clipped to them. Joints with limits that jump by more than π are counted.
     """
     P, free, rate = np.array(chunk.points), find_continuous(robot), chunk.rate
-    if refused := _refuse(P, robot):
-        return Targets(P, rate, 0, 0, 0, refused)
     if free.any():
         P[:, free] = np.unwrap(P[:, free], axis=0)
         now = P[int(np.clip(age * rate, 0.0, len(P) - 1.0))]
         P += unwind(robot, now, near) - now
-    steps = np.diff(P, axis=0)
-    jumps = int((np.abs(steps) > np.where(free | robot.prismatic, np.inf, np.pi)).any(axis=1).sum())
-    inside = np.minimum(np.maximum(P, ranges[:, 0]), ranges[:, 1])
-    changed, P = (inside != P).any(axis=1), inside
-    clipped, same = int(changed.sum()), (P[1:] == P[:-1]).all(axis=1)
+    jumps = np.abs(np.diff(P, axis=0)) > np.where(free | robot.prismatic, np.inf, np.pi)
+    given, P = P, np.minimum(np.maximum(P, ranges[:, 0]), ranges[:, 1])
+    clipped, same = (given != P).any(axis=1), (P[1:] == P[:-1]).all(axis=1)
+    changed = clipped.copy()
     for i in np.flatnonzero(same[:-1] & ~same[1:]) + 1:
         P[i], changed[i] = 0.5 * (P[i - 1] + P[i + 1]), True
-    repaired = int(changed.sum())
     while len(P) < FEWEST:
         P, rate = np.insert(P, range(1, len(P)), 0.5 * (P[1:] + P[:-1]), axis=0), 2.0 * rate
-    return Targets(P, rate, repaired, clipped, jumps, "")
+    return P, rate, int(changed.sum()), int(clipped.sum()), int(jumps.any(axis=1).sum())
 
 
-def _refuse(P: Array, robot: Robot) -> str:
+def refuse_targets(P: Array, robot: Robot) -> str:
     """Return why targets (m, n) are too far outside the ranges to be meant, or nothing."""
     lower, upper = np.maximum(robot.limits.lower, -LARGEST_LIMIT), np.minimum(robot.limits.upper, LARGEST_LIMIT)
-    grace = np.where(robot.prismatic, *BEYOND)
+    grace, units = np.where(robot.prismatic, *OUTSIDE), np.where(robot.prismatic, 1.0, np.pi / 180.0)
     least, most = P.min(axis=0), P.max(axis=0)
     excess = np.maximum(lower - least, most - upper)
     if (excess <= grace).all():
         return ""
     i = int((np.minimum(excess, LARGEST_LIMIT) / grace).argmax())
     k = int(np.argmax(np.maximum(lower[i] - P[:, i], P[:, i] - upper[i])))
-    degrees = np.where(robot.prismatic, 1.0, np.pi / 180.0)
-    fits = (lower - degrees * least <= grace) & (degrees * most - upper <= grace)
-    advice = ": are these degrees?" if fits.all() and not robot.prismatic[i] and excess[i] > LIKE_DEGREES else ""
-    far = f"{P[k, i]:.6g}, {excess[i]:.3g} {'m' if robot.prismatic[i] else 'rad'}"
+    fits = ((lower - units * least <= grace) & (units * most - upper <= grace)).all()
+    advice = ": are these degrees?" if fits and not robot.prismatic[i] and excess[i] > LIKE_DEGREES else ""
+    words = f"{P[k, i]:.6g}, {excess[i]:.3g} {'m' if robot.prismatic[i] else 'rad'} beyond its range"
     reach = f"[{robot.limits.lower[i]:.6g}, {robot.limits.upper[i]:.6g}]"
-    return f"target {k} of {robot.joint_names[i]} is {far} beyond its range {reach}{advice}"
+    return f"target {k} of {robot.joint_names[i]} is {words} {reach}{advice}"
 
 
 def load_chunks(file: str | os.PathLike[str], robot: Robot, rate: float, *, columns: Names = None) -> list[Chunk]:

@@ -9,7 +9,7 @@ import scipy
 
 from optik.compiled import inlined, parallel
 from optik.types import Array, Indices
-from planners.trajectory import Trajectory
+from planners.trajectory import Trajectory, without_rounding
 
 SAME_TIME = 1e-9
 """Largest difference of times that are equal [s]."""
@@ -131,9 +131,8 @@ def join_phases(h: Array, j: Array, ends: tuple[Array, Array], knots: Array, cou
             knots[i, 1:4] = np.arange(1, 4) * BRIEF_REST
         for k in range(1, N + 1):  # knots of joints that differ by rounding are the same
             for other in range(i):
-                near = np.searchsorted(knots[other, : count[other]], knots[i, k] - SAME_KNOT)
-                if near < count[other] and knots[other, near] < knots[i, k] + SAME_KNOT:
-                    knots[i, k] = knots[other, near]
+                for near in knots[other, 1 : count[other]]:
+                    knots[i, k] = near if abs(near - knots[i, k]) < SAME_KNOT else knots[i, k]
         count[i] = N + 1
         jerks[i, :N] = jerk[:N]
         end = max(end, knots[i, N])
@@ -202,9 +201,7 @@ class JointCubics:
         wrong = 2.0 * c[3] + h * (6.0 * c[2] + h * (12.0 * c[1] + 20.0 * h * c[0]))  # over the next acceleration
         wrong[:-1] -= 2.0 * c[3, 1:]
         c[2] -= wrong / np.maximum(6.0 * h, BRIEF_REST)
-        if not (wide := h[:, 0] > 0.0).all():
-            c, knots = c[:, wide], knots[np.append(True, wide)]
-        return Trajectory(scipy.interpolate.PPoly.construct_fast(c, knots, extrapolate=True))
+        return without_rounding(c, knots)
 
     def _pieces(self) -> tuple[Array, Array]:
         """Return the knots (m + 1,) of all joints, and the cubics (4, m, n) between them."""

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from math import ceil
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,7 +21,7 @@ from planners.limits import DERIVATIVES, MotionLimits, PathPoints, kind_of, symm
 from planners.limits.base import sides
 from planners.paths.goal import unwind
 from planners.retarget.certificate import StreamCertificate, certify_joined, other_limits, trajectory_of
-from planners.retarget.chunk import Chunk, read_targets
+from planners.retarget.chunk import Chunk, read_targets, refuse_targets
 from planners.retarget.cubics import BRIEF_REST, JointCubics
 from planners.retarget.jog import Jog
 from planners.retarget.pace import APART, LEAST_PACE, OTHER_PART, PLACES, joint_rows, smooth_pace, sweep
@@ -41,24 +42,25 @@ is lowered."""
 LEAST_PART, STOP_PART = 0.1, 1.1
 """Least accelerations that remain: over their own limits, and over those that stop a joint at the end of its range."""
 SLOW_END, BRAKE_PART = 0.05, 0.8
-"""Velocity that is allowed within the tolerance of clipped targets, if limits of velocities fall to the end [rad/s, m/s]; and the part of the deceleration with which such a limit is touched: its proof needs room."""
+"""Velocity that is allowed within the tolerance of clipped targets, if limits of velocities fall to the end [rad/s, m/s]; and
+the part of the deceleration with which such a limit is touched: its proof needs room."""
 SHORTEST_WINDOW = 0.02
 """Shortest window over which a pace is averaged [s]."""
-TRIED, MOST_PIECES = 31, 4000
-"""Places of a chunk among which the nearest one to the arm is chosen, and the largest number of pieces of a joint."""
+TRIED, MOST_PIECES = 31, 8000
+"""Places of a chunk among which the nearest one to the arm is chosen, and a number of pieces above any budget."""
 ARRIVED = (1e-10, 1e-12, 1e-12)
 """Distances from a goal at rest in position, velocity and acceleration that are rounding [rad, rad/s, rad/s², or m]."""
 SCATTERS, MOST_TOLERANCE = 4.0, 4.0
 """Scatters of the targets that a reference may differ from them, but at most this multiple of the tolerance."""
 LATEST = 0.98
 """Latest entry into a chunk, over its duration."""
-LONGEST_WAIT, MOST_TIME, MOST_RATE = 10.0, 1e4, 1e6
-"""Longest wait for a chunk that is observed in the future, longest chunk [s], and the largest rate of targets [1/s]."""
-WORK, LEAST_SPANS, LOADED, PROOF = 44, 100, 260, 10
+LONGEST_WAIT = 10.0
+"""Longest wait for a chunk that is observed in the future [s]."""
+WORK, LEAST_SPANS, LOADED, PROOF = 40, 100, 230, 10
 """Work of one call for each joint and span of the reference, in intervals times iterations; least number of spans that count;
 the number that counts with limits of the whole arm; and the work of the proof of an interval with these."""
-PIECES = (50.0, 1.5)
-"""Pieces of a motion, and of a span of its reference, above which they are longer than usual: a slow motion needs no more."""
+SLOW = (2.0, 0.06)
+"""Durations of a motion, and of a span of its reference, above which its pieces are longer: a slow motion needs no more [s]."""
 ENTRIES = np.linspace(0.0, 0.95, 8)
 """Instants of entries into a plan whose durations are computed, over the plan's duration."""
 
@@ -79,16 +81,11 @@ class _Samples:
 
 
 class _Attempt(NamedTuple):
-    """A motion, or None and the reason; then the facts of a chunk, as `Retargeted` has them."""
+    """A motion, or None and the reason; and the facts of a chunk, as `Retargeted` has them."""
 
     curve: JointCubics | Trajectory | None
     reason: str = "Ruckig found no motion"
-    skipped: int = 0
-    repaired: int = 0
-    reference: Reference | None = None
-    clipped: int = 0
-    jumps: int = 0
-    scatter: float = 0.0
+    facts: Mapping[str, Any] = MappingProxyType({})
 
 
 Make = Callable[[Array, int], _Attempt]
@@ -134,9 +131,10 @@ class Retargeter:
         if isinstance(onto, Chunk):
             status, tries = RetargetStatus.JOINED, tries if self.others else 1
             chunk, cut = resolve_poses(self.robot, onto, X, at)
-            make: Make = lambda box, k: _Attempt(None, cut)  # noqa: E731
-            if chunk is not None:
-                make = ChunkFollower(self, X, chunk, at).make
+            refused = cut if chunk is None else self._refuse_chunk(chunk, at - chunk.observed)
+            make: Make = lambda box, k: _Attempt(None, refused)  # noqa: E731
+            if chunk is not None and not refused:
+                make = ChunkFollower(self, X, chunk, at - chunk.observed).make
         elif isinstance(onto, Jog):
             velocity = _joints(onto.velocity, self.robot.n, "velocity")
             make = lambda box, k: _Attempt(self._transfer(box).jog(X, velocity, onto.hold))  # noqa: E731
@@ -152,12 +150,12 @@ class Retargeter:
                 break
             proof = certify_joined(self.robot, made.curve, self.limits, X, self.scene)
             if proof.is_valid:
-                return Retargeted(status, "", self.robot, self.limits, at, made.curve, proof, *made[2:], cut)
+                return Retargeted(status, "", self.robot, self.limits, at, made.curve, proof, cut=cut, **made.facts)
             reason, box = reason or proof.reasons[0], self._tighten(box, proof, X, trajectory_of(made.curve))
         rest = at >= running.end - BRIEF_REST
         kept = make_rest(X[0], 3.0 * BRIEF_REST) if rest else cut_before(running, at)
         proof = certify_joined(self.robot, kept, self.limits, X, None)
-        return Retargeted(RetargetStatus.KEPT, reason, self.robot, self.limits, at, kept, proof, *made[2:], cut)
+        return Retargeted(RetargetStatus.KEPT, reason, self.robot, self.limits, at, kept, proof, cut=cut, **made.facts)
 
     def _refuse_state(self, X: Array) -> str:
         """Return why no motion from a state (3, n) is within the limits, or nothing."""
@@ -169,6 +167,17 @@ class Retargeter:
         order, i = divmod(int(outside.argmax()), self.robot.n)
         name, wide = ("position", *DERIVATIVES)[order], f"[{low[order, i]:.6g}, {high[order, i]:.6g}]"
         return f"the {name} of {self.robot.joint_names[i]} is {X[order, i]:.6g}, outside its limits {wide}"
+
+    def _refuse_chunk(self, chunk: Chunk, age: float) -> str:
+        """Return why a chunk of an age [s] is not followed, or nothing."""
+        m, n = np.shape(chunk.points)
+        if n != self.robot.n:
+            raise InvalidInput("onto", f"targets of {n} joints", f"{self.robot.n}, of {self.robot.name}")
+        end = (m - 1) / chunk.rate
+        if self.align == "clock" and not -LONGEST_WAIT <= age <= end:
+            when = f"{age:.6g} s before at, and lasts {end:.3g} s" if age > 0.0 else f"{-age:.6g} s after at"
+            return f"observed is {when}: is it the time of another clock?"
+        return refuse_targets(np.asarray(chunk.points), self.robot)
 
     # ------------------------------------------------------------ limits of the whole arm
 
@@ -243,16 +252,11 @@ class Retargeter:
         if self._falling is None:
             return box
         box, ends, (o, d) = box.copy(), self.robot.limits, self._falling
-        wide = 1e-9 * np.ptp(self.box[:, 2], axis=1)
         for side, room in enumerate((ends.upper - high, low - ends.lower)):
-            room = np.maximum(room, 1e-9)
-            most = BRAKE_PART * (d - o**2 / (2.0 * room))
-            falls = (np.sqrt(2.0 * d * room) - o < box[:, 1, 1 - side] * (1 - 2 * side)) & (most > 0.0)
-            if side == 0:
-                most = np.minimum(np.maximum(box[:, 2, 0], -most), X[2] - wide)
-            else:
-                most = np.maximum(np.minimum(box[:, 2, 1], most), X[2] + wide)
-            box[falls, 2, side] = most[falls]
+            room, sign = np.maximum(room, 1e-9), 2.0 * side - 1.0
+            most = np.maximum(BRAKE_PART * (d - o**2 / (2.0 * room)), sign * X[2] + 1e-6)  # the state stays inside
+            falls = (np.sqrt(2.0 * d * room) - o < -sign * box[:, 1, 1 - side]) & (room > o**2 / (2.0 * d))
+            box[falls, 2, side] = sign * np.minimum(sign * box[:, 2, side], most)[falls]
         return box
 
     def _transfer(self, box: Array) -> Transfer:
@@ -274,12 +278,9 @@ class Retargeter:
 
         low, high = np.where(q < X[0], q, np.inf), np.where(q > X[0], q, -np.inf)
 
-        def make(box: Array, k: int) -> _Attempt:
-            if arrived:
-                return _Attempt(make_rest(X[0], BRIEF_REST))
-            return _Attempt(self._transfer(self.brake(box, X, low, high)).to_state(X, goal))
-
-        return make
+        return lambda box, k: _Attempt(
+            make_rest(X[0], BRIEF_REST) if arrived else self._transfer(self.brake(box, X, low, high)).to_state(X, goal)
+        )
 
     def _enter(self, X: Array, curve: Trajectory) -> Make:
         """Return the maker of motions that enter another one where they end soonest, then at the next best instants."""
@@ -305,24 +306,15 @@ class Retargeter:
 
 
 class ChunkFollower:
-    """The motions that follow one chunk from a state (3, n), at a time of the chunk's clock [s]."""
+    """The motions that follow one chunk from a state (3, n), at an age of the chunk [s]."""
 
-    def __init__(self, engine: Retargeter, X: Array, chunk: Chunk, at: float) -> None:
+    def __init__(self, engine: Retargeter, X: Array, chunk: Chunk, age: float) -> None:
         self._engine, self._X, n = engine, X, engine.robot.n
-        if (m := np.shape(chunk.points)[1]) != n:
-            raise InvalidInput("onto", f"targets of {m} joints", f"{n}, of {engine.robot.name}")
-        age = at - chunk.observed
-        P, rate, repaired, clipped, jumps, refused = read_targets(chunk, engine.robot, engine.ranges, X[0], age)
+        P, rate, repaired, clipped, jumps = read_targets(chunk, engine.robot, engine.ranges, X[0], age)
         self._extent = P.min(axis=0), P.max(axis=0)
-        self._facts = _Attempt(None, refused, repaired=repaired, clipped=clipped, jumps=jumps)
         spans, end = min(len(P) - 1, MOST_SPANS), (len(P) - 1) / rate
-        if not refused:
-            self._facts = self._facts._replace(reason=self._refuse(age, end, chunk.rate))
-        if self._facts.reason:
-            return
         self._c, self._h = np.empty((spans + 5, n)), end / spans
         scatter = find_scatter(P)
-        self._facts = self._facts._replace(scatter=scatter)
         tolerance = max(engine.tolerance, min(SCATTERS * scatter, MOST_TOLERANCE * engine.tolerance))
         self._error = fit_reference(P, tolerance, self._c)
         s0 = min(max(age, 0.0), LATEST * end)
@@ -330,22 +322,14 @@ class ChunkFollower:
             places = np.linspace(0.0, s0, TRIED)
             away = np.abs(self._sample(places, 1)[:, 0] - X[0]).max(axis=1)
             s0 = float(places[np.flatnonzero(away <= away.min() + engine.tolerance)[-1]])  # nearer ones are noise
-        self._facts = self._facts._replace(skipped=ceil(s0 * chunk.rate - 1e-9))
+        skipped = ceil(s0 * chunk.rate - 1e-9)
+        counts = {"skipped": skipped, "repaired": repaired, "clipped": clipped, "jumps": jumps}
+        self._facts: dict[str, Any] = counts | {"scatter": scatter}
         # A chunk observed in the future begins then, if it is entered by its clock.
         self._wait = max(-age, 0.0) if engine.align == "clock" else 0.0
         self._budget = WORK * n * (LOADED if engine.others else max(spans, LEAST_SPANS))
         self._s = np.linspace(s0, end, int(min(max(PLACES[0], (end - s0) / APART), PLACES[1])))
         self._R = self._sample(self._s, 4)
-
-    def _refuse(self, age: float, end: float, rate: float) -> str:
-        """Return why a chunk of this age and duration [s] is not followed, or nothing."""
-        engine = self._engine
-        if engine.align == "clock" and not -LONGEST_WAIT <= age <= end:
-            when = f"{age:.6g} s before at, and lasts {end:.3g} s" if age > 0.0 else f"{-age:.6g} s after at"
-            return f"observed is {when}: is it the time of another clock?"
-        if end > MOST_TIME:
-            return f"the chunk lasts {end:.3g} s, above {MOST_TIME:g} s"
-        return f"{rate:.6g} targets per second, above {MOST_RATE:g}" if rate > MOST_RATE else ""
 
     def _sample(self, s: Array, orders: int) -> Array:
         """Return the reference and its derivatives (k, orders, n)."""
@@ -356,24 +340,18 @@ class ChunkFollower:
     def make(self, box: Array, k: int) -> _Attempt:
         """Return the motion that follows the chunk within limits of single joints, slower with each try."""
         engine = self._engine
-        if self._facts.reason:
-            return self._facts
         box = engine.brake(box, self._X, *self._extent) if k else box
         when, s, longest = self._find_pace(box, SLOWER[k])
-        facts, j, used = self._facts._replace(reference=Reference(self._c, self._h, when, s, self._error)), -2, 0
-        if when.size <= 2 * MOST_PIECES:
-            targets = self._sample(s, 1)[:, 0].copy()
-            j, used, knots, count, c = track(self._X, box, when, targets, longest, self._budget)
-        self._budget -= used
+        facts = self._facts | {"reference": Reference(self._c, self._h, when, s, self._error)}
+        targets = self._sample(s, 1)[:, 0].copy()
+        j, used, knots, count, c = track(self._X, box, when, targets, longest, self._budget)
+        self._budget -= used + (PROOF * knots.size if engine.others else 0)
         if j == -2:
-            return facts._replace(
-                reason=f"not found within the budget of work: the chunk takes {when[-1]:.3g} s, a part of it less"
-            )
+            words = f"not found within the budget of work: the chunk takes {when[-1]:.3g} s, a part of it less"
+            return _Attempt(None, words, facts)
         if j >= 0:
-            return facts._replace(reason=f"no motion of {engine.robot.joint_names[j]} within its limits was found")
-        if engine.others:
-            self._budget -= PROOF * knots.size
-        return facts._replace(curve=JointCubics(knots, count, c))
+            return _Attempt(None, f"no motion of {engine.robot.joint_names[j]} within its limits was found", facts)
+        return _Attempt(JointCubics(knots, count, c), "", facts)
 
     def _find_pace(self, box: Array, slower: float) -> tuple[Array, Array, float]:
         """Return instants [s], the chunk's time there at most at a fraction of the wanted pace, and the longest piece [s]."""
@@ -389,7 +367,7 @@ class ChunkFollower:
         sweep(s, rows, cap, first * first, min(LEAST_PACE, pace) ** 2, x, t)
         ramp = np.minimum(box[:, 2, 1], -box[:, 2, 0]) / np.minimum(box[:, 3, 1], -box[:, 3, 0])
         width = max(float(ramp.max()), SHORTEST_WINDOW)
-        longest = max(engine.longest, t[-1] / (PIECES[0] + PIECES[1] * (s[-1] - s[0]) / self._h))
+        longest = engine.longest * max(1.0, float(t[-1] / (SLOW[0] + SLOW[1] * (s[-1] - s[0]) / self._h)))
         step = 0.5 * longest
         when = np.arange(0.0, min(t[-1] + 0.5 * width, MOST_PIECES * longest) + 2.0 * step, step)
         out = np.empty_like(when)

@@ -104,23 +104,15 @@ def _solve(B: Array, penalty: float, L: Array, c: Array) -> None:
                 c[i, j] -= L[d, i + d] * c[i + d, j]
 
 
-@parallel
 def find_scatter(P: Array) -> float:
     """Return the standard deviation of the noise of points P (m, n) [rad, m], of the joint with the largest one.
 
     Sixth differences leave little of a motion. Their median does not count the few that contain a kink of it.
     """
-    m, worst = P.shape[0], 0.0
-    if m < FEWEST_NOISY:
-        return worst
-    d = np.empty(m - 6)
-    for j in range(P.shape[1]):
-        for i in range(m - 6):
-            ends, middle = P[i, j] + P[i + 6, j] - 20.0 * P[i + 3, j], P[i + 2, j] + P[i + 4, j]
-            d[i] = abs(ends + 15.0 * middle - 6.0 * (P[i + 1, j] + P[i + 5, j]))
-        d.sort()
-        worst = max(worst, d[(m - 6) // 2] / MEDIAN)
-    return worst
+    if len(P) < FEWEST_NOISY:
+        return 0.0
+    rough, k = np.abs(np.diff(P, 6, axis=0)), (len(P) - 6) // 2
+    return float(np.partition(rough, k, axis=0)[k].max() / MEDIAN)
 
 
 @parallel

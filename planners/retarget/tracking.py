@@ -18,7 +18,7 @@ CUT = (2.0 * np.pi * 40.0) ** -6
 """Weight of the squared jerk: the tracking follows targets of up to 40 Hz [s⁶]."""
 HOLD = 2.0
 """Weight of the distance to the last target after its instant, over that before."""
-SPARE, INSIDE = 1e-7, 2e-7
+SPARE, INWARDS = 1e-7, 2e-7
 """Fraction of the limits, and distance to the ends of a range [rad, m], that are not used: the iteration respects them to its
 rounding."""
 ROOM = 1.1
@@ -115,22 +115,12 @@ def track(
     Shapes and units: state (3, n) [rad/s^i, m/s^i], limits (n, 4, 2) of position to jerk, lower and upper, when (k,) [s],
     target (k, n) [rad, m], longest [s]. Returns knots (n, K) [s], their numbers (n,), cubics (n, 4, K), highest power first.
     """
-    n, ramp, end, last = state.shape[1], 0.0, 0.0, when.size - 1
-    for j in range(n):
-        v, a = max(limits[j, 1, 1], -limits[j, 1, 0]), min(limits[j, 2, 1], -limits[j, 2, 0])
-        jmax = min(limits[j, 3, 1], -limits[j, 3, 0])
-        own, flat = a / jmax, abs(state[2, j]) / jmax
-        ramp = max(ramp, own)
-        fast = state[1, j] + 0.5 * flat * state[2, j]  # when the acceleration is 0
-        stop = abs(fast) / a + own
-        away = abs(target[last, j] - state[0, j] - flat * state[1, j] - 0.5 * stop * fast)
-        reach = flat + stop + away / min(limits[j, 1, 1], -limits[j, 1, 0])
-        end = max(end, max(when[last], reach) + ROOM * (v / a + own))
+    n, last, (ramp, end) = state.shape[1], when.size - 1, _find_horizon(state, limits, when[-1], target[-1])
     first, growth = min(0.3 * ramp, FIRST_INTERVAL[1], longest), GROWTH[0] if ramp < FIRST_INTERVAL[1] else GROWTH[1]
     first = max(first, min(FIRST_INTERVAL[0], longest))
-    most, used = int(min(end / longest, float(budget))) + SHORTER_INTERVALS, 0
-    if n * most * SET_UP > budget:
-        return -2, used, np.empty((n, 0)), np.empty(n, dtype=np.int64), np.empty((n, 4, 0))
+    if not n * (end / longest + SHORTER_INTERVALS) * SET_UP <= budget:
+        return -2, 0, np.empty((n, 0)), np.empty(n, dtype=np.int64), np.empty((n, 4, 0))
+    most, used = int(end / longest) + SHORTER_INTERVALS, 0
     knots, count, c = np.empty((n, most)), np.empty(n, dtype=np.int64), np.empty((n, 4, most))
     control, x0, box = np.empty(most), np.empty(3), np.empty((4, 2))
     t, w = np.empty(when.size + most), np.empty(when.size + most)
@@ -162,10 +152,8 @@ def track(
                     if at[i] >= 0:
                         g[at[i] + a] -= w[i] * B[i, a] * target[min(i, last), j]
             box[:] = limits[j]
-            box[0, 0], box[0, 1] = min(box[0, 0] + INSIDE, x0[0]), max(box[0, 1] - INSIDE, x0[0])
+            box[0, 0], box[0, 1] = min(box[0, 0] + INWARDS, x0[0]), max(box[0, 1] - INWARDS, x0[0])
             allowed = min(MOST_STEPS, max((budget - used) // N - SET_UP, 0))
-            if used + (n - j) * N * SET_UP > budget:
-                return -2, used, knots, count, c
             steps = minimise((f, A), H, g, box, control[:size], W, allowed)
             used += N * (SET_UP + (steps if steps >= 0 else allowed))
             if steps >= 0 or allowed < MOST_STEPS:
@@ -176,6 +164,23 @@ def track(
             jerk[i] = W[ROWS, 3, i]
         integrate(T, jerk[:N], x0, rest, c[j, :, lead:])
     return -1, used, knots, count, c
+
+
+@inlined
+def _find_horizon(state: Array, limits: Array, last: float, target: Array) -> tuple[float, float]:
+    """Return the longest change of an acceleration [s], and the time in which all joints rest at their last targets (n,)."""
+    ramp, end = 0.0, 0.0
+    for j in range(target.size):
+        v, a = max(limits[j, 1, 1], -limits[j, 1, 0]), min(limits[j, 2, 1], -limits[j, 2, 0])
+        jmax = min(limits[j, 3, 1], -limits[j, 3, 0])
+        own, flat = a / jmax, abs(state[2, j]) / jmax
+        ramp = max(ramp, own)
+        fast = state[1, j] + 0.5 * flat * state[2, j]  # when the acceleration is 0
+        stop = abs(fast) / a + own
+        away = abs(target[j] - state[0, j] - flat * state[1, j] - 0.5 * stop * fast)
+        reach = flat + stop + away / min(limits[j, 1, 1], -limits[j, 1, 0])
+        end = max(end, max(last, reach) + ROOM * (v / a + own))
+    return ramp, end
 
 
 @inlined

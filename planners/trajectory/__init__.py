@@ -11,6 +11,7 @@ from planners.trajectory.trajectory import (
     make_rest,
     map_joints,
     shift_pieces,
+    without_rounding,
 )
 
 __all__ = [
@@ -24,4 +25,5 @@ __all__ = [
     "make_rest",
     "map_joints",
     "shift_pieces",
+    "without_rounding",
 ]

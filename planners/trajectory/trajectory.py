@@ -322,7 +322,7 @@ def cut_before(trajectory: Trajectory, t: float, s: float | None = None) -> Traj
     for order in range(3):
         c[5 - order, 0] = trajectory(t, order) / factorial(order)
     known = None if s is None or trajectory.s is None else np.append(s, trajectory.s[first + 1 :])
-    return _without_rounding(c, np.append(0.0, knots[first + 1 :] - t), known)
+    return without_rounding(c, np.append(0.0, knots[first + 1 :] - t), known)
 
 
 def cut_after(trajectory: Trajectory, t: float) -> Trajectory:
@@ -336,10 +336,10 @@ def join(first: Trajectory, second: Trajectory) -> Trajectory:
     """Return one motion followed by another; pieces of the second one that are shorter than rounding are left out."""
     c = np.concatenate([first.padded, second.padded], axis=1)
     t, a, b = np.append(first.knots, first.end + second.knots[1:]), first.s, second.s
-    return _without_rounding(c, t, None if a is None or b is None else np.append(a, b[1:]))
+    return without_rounding(c, t, None if a is None or b is None else np.append(a, b[1:]))
 
 
-def _without_rounding(c: Array, t: Array, s: Array | None) -> Trajectory:
+def without_rounding(c: Array, t: Array, s: Array | None = None) -> Trajectory:
     """Return the motion of quintics (6, m, n) without the pieces whose knots (m + 1,) have become equal by rounding."""
     wide = np.append(np.diff(t) > 0.0, True)
     if not wide.all():

@@ -55,7 +55,7 @@ def test_a_chunk_in_degrees_is_kept_and_says_so() -> None:
 @pytest.mark.parametrize(("name", "joint", "most"), [("ur5e", 2, 0.1), ("irb910sc", 2, 0.005)])
 def test_small_excesses_are_clipped_and_counted_and_larger_ones_kept(name: str, joint: int, most: float) -> None:
     robot = optik.load(name)
-    limits, middle = LIMITS, np.clip(np.zeros(robot.n), robot.limits.lower + 0.01, robot.limits.upper - 0.01)
+    middle = np.clip(np.zeros(robot.n), robot.limits.lower + 0.01, robot.limits.upper - 0.01)
     for upwards in (False, True):
         end = (robot.limits.upper if upwards else robot.limits.lower)[joint]
         for part in (0.0, 0.9, 1.1):
@@ -67,7 +67,7 @@ def test_small_excesses_are_clipped_and_counted_and_larger_ones_kept(name: str, 
             assert bool(found) == (part < 1.0), found.reason
             assert found.clipped == int(bool(found) * outside.any(axis=1).sum())
             assert found or ("rad" if robot.name == "ur5e" else " m ") in found.reason.split(" beyond")[0] + " "
-            assert certified_inside(robot, found, limits)
+            assert not found or found.certificate.position_margin.min() >= 1e-7  # rounding does not refuse chunks
 
 
 def certified_inside(robot: Robot, found: Retargeted, limits: MotionLimits) -> bool:
@@ -127,7 +127,7 @@ def test_no_chunk_raises() -> None:
     robot, rng = optik.load("ur5e"), np.random.default_rng(shift_seed(4))
     motion = resting(robot, REST)
     given = [Chunk(np.full((2, 6), x), 20.0) for x in (1e300, -1.7e308, 1e5)]
-    given += [Chunk(wave(REST, 0.2 * np.ones(6)), rate) for rate in (1e-300, 1e-6, 1e-3, 1e5, 1e9, 1e300)]
+    given += [Chunk(wave(REST, 0.2 * np.ones(6)), rate) for rate in (1e-6, 1e-3, 1e5, 1e9)]
     given += [Chunk(rng.uniform(-6.0, 6.0, (m, 6)), 20.0) for m in (2, 3, 4, 5, 30)]
     for align in ("clock", "nearest"):
         for chunk in given:
@@ -143,6 +143,8 @@ def test_a_target_that_is_no_number_is_named_with_its_row() -> None:
     P[7, 2] = np.nan
     with pytest.raises(InvalidInput, match="in row 7"):
         Chunk(P, 20.0)
+    with pytest.raises(InvalidInput, match="rate"):
+        Chunk(np.zeros((4, 6)), 1e300)
 
 
 def test_a_call_ends_above_its_budget_of_work(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -157,7 +159,7 @@ def test_a_call_ends_above_its_budget_of_work(monkeypatch: pytest.MonkeyPatch) -
     targets = 2.5 * np.sin(4.0 * when)[:, None] * np.ones(2)
     j, used, *_ = track(state, limits, when, targets, 0.04, 10**6)
     assert j == -1
-    for budget in (100, used // 2, used - 100):
+    for budget in (-1000, 0, 100, used // 2, used - 100):
         over, work, *_ = track(state, limits, when, targets, 0.04, budget)
         assert over == -2 and work <= budget + 2000
 
