@@ -115,9 +115,10 @@ class JointPath(PiecewiseCurve):
         return float(out[:, 0].max()), float(out[:, 1].max())
 
 
-def cut_joints(joints: JointPath, path: Path, begin: float, until: float) -> JointPath:
-    """Return the joints from one s to another, as those of a path that is this part."""
-    ends, s, record = np.array([begin, until]), joints.knots, joints.ik
+def cut_joints(joints: JointPath, path: Path, begin: float) -> JointPath:
+    """Return the joints from an s on, as those of a path that is this part."""
+    s, record, until = joints.knots, joints.ik, begin + path.end
+    ends = np.array([begin, until])
     inner, own, at = (s > begin) & (s < until), (record.s >= begin) & (record.s <= until), np.searchsorted(s, ends)
     given = np.concatenate([joints.q[:, None], joints.derivatives], axis=1)
     between = np.stack([joints(ends, order) for order in range(4)], axis=1)

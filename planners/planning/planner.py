@@ -231,9 +231,7 @@ class MotionPlanner:
             return replace(first, freedom=freedom if first.has_motion else None, search=chosen.search, failure=failure)
         found = self._retime(chosen)
         if first and not (found and pick_plan([first, found]) is found):
-            what = (
-                "the initial path: with this law it takes less time, or less motion, than the path that optimal chooses"
-            )
+            what = "the initial path: with this law it needs less time or motion than the path that optimal chooses"
             return replace(first, freedom=report(path, first.trajectory.duration, first, what), search=chosen.search)
         if not found:
             return found

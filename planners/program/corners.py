@@ -15,8 +15,6 @@ from planners.paths.joint_curve import JointCurve
 
 MIDDLE = 5.0 / 64.0
 """F(1/2): the fraction of a zone's width that either part is past or before the corner in the middle."""
-SMOOTH_FACTOR, LEAST_HALF = 4.0, 0.02
-"""Half width of a smooth corner over the width in which it bends as the parts do; its least half width [rad, m]."""
 SEARCH_SAMPLES = 33
 """Samples of a corner in the search of its width."""
 NARROW, WIDE, SEARCH_STEPS = 0.96, 0.99, 8
@@ -51,15 +49,6 @@ def reverses(one: JointCurve, two: JointCurve) -> bool:
     """Return whether the second curve goes back where the first one came from."""
     a, b = one.derivatives[-1, 0], two.derivatives[0, 0]
     return bool(np.linalg.norm(a / np.linalg.norm(a) + b / np.linalg.norm(b)) < REVERSED)
-
-
-def find_smooth_half(one: JointCurve, two: JointCurve) -> float:
-    """Return the half width of a corner that bends no more than its parts do: a wider one leaves the path for no gain."""
-    kink, bend, _ = np.linalg.norm(two.derivatives[0] - one.derivatives[-1], axis=1)
-    usual = max(float(np.linalg.norm(x.derivatives[:, 2], axis=1).mean()) for x in (one, two))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        half = SMOOTH_FACTOR * np.fmax(np.sqrt(kink / usual), bend / usual)
-    return float(np.fmax(half, LEAST_HALF))
 
 
 def find_half_width(robot: Robot, one: JointCurve, two: JointCurve, zone: Array, most: float) -> float:

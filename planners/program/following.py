@@ -249,24 +249,18 @@ class PartFollower:
             paths.append(further)
         if len(paths) > 1:
             whole = ProgramPath(paths, [robot] * len(paths))
-            joints = self._follow_path(robot, whole, q, None)
-            if joints:
-                for i, (part, a, b) in enumerate(zip(paths, whole.starts[:-1], whole.starts[1:], strict=True), k):
-                    self._ahead[i] = cut_joints(joints.joint_path, part, a, b)
+            if joints := self._follow_path(robot, whole, q, "start"):
+                for i, (part, a) in enumerate(zip(paths, whole.starts, strict=False), k):
+                    self._ahead[i] = cut_joints(joints.joint_path, part, a)
                 return FollowResult(self._ahead.pop(k), None)
         return self._follow_path(robot, path, None if path.in_joints else q, None)
 
     def _find_further(self, k: int, path: Path) -> Path | None:
         """Return the path of the part after part k if it goes on from a path without a stop, a corner or a bend."""
-        parts, i = self.program.parts, k + 1
-        if (
-            parts[k].blend == 0.0
-            or i == len(parts)
-            or self.robots[i] is not self.robots[k]
-            or parts[i].avoid is not False
-        ):
+        parts, after = self.program.parts, self.robots[k + 1 : k + 2]
+        if path.in_joints or parts[k].blend == 0.0 or after != [self.robots[k]] or parts[k + 1].avoid is not False:
             return None
-        further = None if path.in_joints else find_path(parts[i], path.pose(path.end))
+        further = find_path(parts[k + 1], path.pose(path.end))
         if further is None or isinstance(further, FreePath) or further.unit != path.unit or not further.end > 0.0:
             return None
         off = [np.abs(further(0.0, order) - path(path.end, order)).max() for order in range(4)]

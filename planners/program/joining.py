@@ -16,7 +16,7 @@ from planners.paths.base import Path
 from planners.paths.joint_curve import JointCurve
 from planners.paths.joint_line import JointLine
 from planners.paths.point_to_point import PointToPoint
-from planners.program.corners import Zone, build_zone, find_half_width, find_smooth_half, place_nodes, reverses
+from planners.program.corners import Zone, build_zone, find_half_width, place_nodes, reverses
 
 LENGTH_CHORDS = 16
 """Chords that measure the length of a part in joint space: only a scale of s."""
@@ -98,12 +98,11 @@ def round_corners(
     zones = [zone - used for zone in zones]
     curves, half, why = [part.curve for part in parts], list[float](), list[str]()
     for one, two, zone in zip(curves[:-1], curves[1:], zones, strict=True):
-        smooth, most = find_smooth_half(one, two), min(_share(one), _share(two))
+        most = min(_share(one), _share(two))
         stop = "the path reverses its direction there" if reverses(one, two) else ""
         stop = "its zone is not larger than the tolerance" if (zone <= 0.0).any() else stop
-        half.append(0.0 if stop else find_half_width(robot, one, two, zone, min(smooth, most)))
-        narrow = "the parts hardly bend there" if half[-1] >= smooth else ""
-        why.append(stop or ("the shorter of its parts ends" if half[-1] >= most else narrow))
+        half.append(0.0 if stop else find_half_width(robot, one, two, zone, most))
+        why.append(stop or ("the shorter of its parts ends" if half[-1] >= most else ""))
     for i, curve in enumerate(curves[1:-1]):
         both = half[i] + half[i + 1]
         if both > _share(curve):
