@@ -133,7 +133,7 @@ class MotionPlanner:
             return path, q if given or not (found := self.solver.solve(pose, q)) else found.q, None
         begun = path if given else path.begin_at(robot.fk(q))
         off = np.abs(robot.pose_errors(q, begun.pose(0.0))).max()
-        if off > START_TOLERANCE or (given and ("elbow" not in path.bounds or self.request.avoid is not False)):
+        if off > START_TOLERANCE or given:
             return path, q, None
         chosen = self.run(None, None, duration)
         same = chosen.has_motion and np.abs(chosen.trajectory(0.0) - q).max() <= START_TOLERANCE
