@@ -14,9 +14,9 @@ from optik.check import check_number, real_array
 from optik.errors import InvalidInput
 from optik.se3 import check_pose
 from optik.tables import Names, read_table
-from optik.types import Array
+from optik.types import Array, Flags
 from planners.certificate.checks import check_rate
-from planners.paths.goal import find_continuous, unwind
+from planners.paths.goal import unwind
 
 FEWEST, MOST = 4, 1000
 """Points of a reference: a chunk with fewer is divided; and the largest number of a chunk."""
@@ -66,15 +66,16 @@ class Chunk:
 
 
 def read_targets(
-    chunk: Chunk, robot: Robot, ranges: Array, near: Array, age: float
+    chunk: Chunk, robot: Robot, free: Flags, ranges: Array, near: Array, age: float
 ) -> tuple[Array, float, int, int, int]:
     """Return the targets (m, n) that are meant, their rate [1/s], and the numbers of changed and clipped ones, and of jumps.
 
-    Joints without limits take the shortest way, from target to target, and from joints (n,) to the target of an age [s]. A
-    target that equals the one before in all joints, but not the next one, stands for a missing one. It becomes the mean of its
-    neighbours. Targets outside ranges (n, 2) are clipped to them. Joints with limits that jump by more than π are counted.
+    Joints without limits (`free`) take the shortest way, from target to target, and from joints (n,) to the target of an age
+    [s]. A target that equals the one before in all joints, but not the next one, stands for a missing one. It becomes the mean
+    of its neighbours. Targets outside ranges (n, 2) are clipped to them. Joints with limits that jump by more than π are
+    counted.
     """
-    P, free, rate = np.array(chunk.points), find_continuous(robot), chunk.rate
+    P, rate = np.array(chunk.points), chunk.rate
     if free.any():
         P[:, free] = np.unwrap(P[:, free], axis=0)
         now = P[int(np.clip(age * rate, 0.0, len(P) - 1.0))]

@@ -19,7 +19,7 @@ from optik.scene.contact import check_scene
 from optik.types import Array
 from planners.limits import DERIVATIVES, MotionLimits, PathPoints, kind_of, symmetric_bound
 from planners.limits.base import sides
-from planners.paths.goal import unwind
+from planners.paths.goal import find_continuous, unwind
 from planners.retarget.certificate import StreamCertificate, certify_joined, other_limits, trajectory_of
 from planners.retarget.chunk import Chunk, read_targets, refuse_targets
 from planners.retarget.cubics import BRIEF_REST, JointCubics
@@ -115,7 +115,7 @@ class Retargeter:
             raise InvalidInput(
                 "limits", "tool speeds for the segments of a path", "one tool speed for the whole motion"
             )
-        self.ranges, self._falling = self.box[:, 0].copy(), None
+        self.ranges, self.free, self._falling = self.box[:, 0].copy(), find_continuous(robot), None
         if (falling := self.limits.value("velocity_by_position")) is not None:
             self._falling = falling.offset, falling.deceleration
             gap = (falling.offset + SLOW_END) ** 2 / (2.0 * falling.deceleration) + self.tolerance
@@ -141,7 +141,8 @@ class Retargeter:
         elif hasattr(onto, "trajectory"):
             status, make = RetargetStatus.JOINED, self._enter(X, onto.trajectory)
         else:
-            make = self._go(X, unwind(self.robot, _joints(onto, self.robot.n, "onto"), X[0]))
+            q = _joints(onto, self.robot.n, "onto")
+            make = self._go(X, unwind(self.robot, q, X[0]) if self.free.any() else q)
         made, reason, box = _Attempt(None), self._refuse_state(X), self._first_box(X)
         for k in range(0 if reason else tries):
             made = make(box, k)
@@ -287,9 +288,8 @@ class Retargeter:
         if curve.n != self.robot.n:
             raise InvalidInput("onto", f"a motion of {curve.n} joints", f"{self.robot.n}, of {self.robot.name}")
 
-        turns = unwind(self.robot, curve(0.0), X[0]) - curve(0.0)
-        if turns.any():
-            curve = map_joints(curve, np.eye(curve.n), turns)
+        if self.free.any():
+            curve = map_joints(curve, np.eye(curve.n), unwind(self.robot, curve(0.0), X[0]) - curve(0.0))
         times = curve.end * ENTRIES
         goals = np.stack([curve(times, order) for order in range(3)], axis=1)
 
@@ -310,7 +310,7 @@ class ChunkFollower:
 
     def __init__(self, engine: Retargeter, X: Array, chunk: Chunk, age: float) -> None:
         self._engine, self._X, n = engine, X, engine.robot.n
-        P, rate, repaired, clipped, jumps = read_targets(chunk, engine.robot, engine.ranges, X[0], age)
+        P, rate, repaired, clipped, jumps = read_targets(chunk, engine.robot, engine.free, engine.ranges, X[0], age)
         self._extent = P.min(axis=0), P.max(axis=0)
         spans, end = min(len(P) - 1, MOST_SPANS), (len(P) - 1) / rate
         self._c, self._h = np.empty((spans + 5, n)), end / spans

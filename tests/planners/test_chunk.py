@@ -76,6 +76,14 @@ def certified_inside(robot: Robot, found: Retargeted, limits: MotionLimits) -> b
     return bool((q <= robot.limits.upper + 1e-9).all() and (q >= robot.limits.lower - 1e-9).all())
 
 
+def test_a_reference_beyond_an_end_is_followed_to_just_before_it() -> None:
+    """Rounding of the programme does not lead out of the range."""
+    robot, P = optik.load("ur5e"), np.tile(REST, (12, 1))
+    P[3:, 2] = np.where(np.arange(9) // 3 % 2, robot.limits.lower[2], robot.limits.upper[2])
+    found = retarget(resting(robot, REST), 0.0, Chunk(P, 1.0))
+    assert found and 2.5e-7 <= found.certificate.position_margin.min() <= 1e-6, found.reason
+
+
 def test_a_joint_without_limits_takes_the_shortest_way() -> None:
     rng, x = np.random.default_rng(shift_seed(2)), np.linspace(0.0, 0.6, 24)
     for _ in range(5):
