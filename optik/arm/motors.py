@@ -185,9 +185,8 @@ class AxisLimits(JointLimits):
         self, rng: np.random.Generator, count: int, *, margin: float = 0.0, half_if_infinite: ArrayLike = np.pi
     ) -> Array:
         """Sample motors uniformly inside their ranges; return the axes (count, n)."""
-        return self.clip(
-            self._own.axes(self._own.limits.sample(rng, count, margin=margin, half_if_infinite=half_if_infinite))
-        )
+        inside = self._own.limits.sample(rng, count, margin=margin, half_if_infinite=half_if_infinite)
+        return self.clip(self._own.axes(inside))
 
 
 LIMIT_FIELDS = ("lower", "upper", "velocity", "acceleration", "jerk", "torque", "torque_rate")

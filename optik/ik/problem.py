@@ -110,9 +110,8 @@ class Tolerance:
         if isinstance(value, Tolerance):
             return value
         if not isinstance(value, tuple | list) or len(value) != 2:
-            raise InvalidInput(
-                "tolerance", repr(value)[:60], "Tolerance(position [m], rotation [rad]), or the two numbers"
-            )
+            expected = "Tolerance(position [m], rotation [rad]), or the two numbers"
+            raise InvalidInput("tolerance", repr(value)[:60], expected)
         return cls(*value)
 
     def __iter__(self) -> Iterator[float]:
