@@ -110,8 +110,9 @@ class Tolerance:
         if isinstance(value, Tolerance):
             return value
         if not isinstance(value, tuple | list) or len(value) != 2:
-            expected = "Tolerance(position [m], rotation [rad]), or the two numbers"
-            raise InvalidInput("tolerance", repr(value)[:60], expected)
+            raise InvalidInput(
+                "tolerance", repr(value)[:60], "Tolerance(position [m], rotation [rad]), or the two numbers"
+            )
         return cls(*value)
 
     def __iter__(self) -> Iterator[float]:

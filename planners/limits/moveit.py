@@ -87,8 +87,9 @@ def read_limits(
     if not isinstance(robot, Robot):
         raise InvalidInput("robot", repr(robot)[:60], "a Robot")
     if not isinstance(joint_names, Mapping | None):
-        expected = "a mapping from the robot's joint names to the file's"
-        raise InvalidInput("joint_names", repr(joint_names)[:60], expected)
+        raise InvalidInput(
+            "joint_names", repr(joint_names)[:60], "a mapping from the robot's joint names to the file's"
+        )
     data = parse_yaml(decode_text(read_bytes(Path(file))), str(file))
     joints, beside = _find_joints(data, str(file))
     names = [(joint_names or {}).get(name, name) for name in robot.joint_names]

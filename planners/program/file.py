@@ -169,8 +169,8 @@ class _Reader:
     def _note(self, error: OptikError) -> None:
         """Add a mistake, with the file and the place in it, once."""
         place = f"{self.file}{f': {self.where}' if self.where else ''}"
-        own = isinstance(error, InvalidInput)
-        named = locate_error(place, error) if own else InvalidInput(place, str(error), "a program")
+        other = InvalidInput(place, str(error), "a program")
+        named = locate_error(place, error) if isinstance(error, InvalidInput) else other
         if str(named) not in map(str, self.mistakes):  # of a frame or a table that several parts have
             self.mistakes.append(named)
 
