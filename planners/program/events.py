@@ -24,7 +24,7 @@ STEPS = 60
 """Most Newton steps or bisections for the time of a place: bisection alone suffices."""
 PASSED = 1e-9
 """Fraction of a part's length beyond its ends that is rounding."""
-SHARE = "a number from 0 to 1"
+A_FRACTION = "a number from 0 to 1"
 """Fractions that an event may have, in words."""
 MOST_EVENTS = 1_000_000
 """Largest number of signals of a `PeriodicEvent`."""
@@ -67,8 +67,8 @@ class PathEvent:
             raise InvalidInput("distance", f"{self.distance}, and fraction={self.fraction}", "one of the two")
         if self.distance is not None:
             check_number(self.distance, "distance", "a number [m]")
-        if self.fraction is not None and check_number(self.fraction, "fraction", SHARE, least=0.0) > 1.0:
-            raise InvalidInput("fraction", f"{self.fraction:g}", SHARE)
+        if self.fraction is not None and check_number(self.fraction, "fraction", A_FRACTION, least=0.0) > 1.0:
+            raise InvalidInput("fraction", f"{self.fraction:g}", A_FRACTION)
 
 
 @dataclass(frozen=True)
