@@ -85,16 +85,12 @@ class TextTable(NamedTuple):
         """Return the finite numbers of some columns (k, m), in SI units."""
         bare = [name for name in names if not self.columns[name].unit]
         if 0 < len(bare) < len(names):
-            raise InvalidInput(
-                self.locate(None, *bare), "no unit", f"a unit for each of {','.join(names)}, or for none"
-            )
-        at = [self.columns[name].at for name in names]
-        values = np.array([[read_number(cells[i]) for i in at] for _, cells in self.lines]).reshape(
-            len(self.lines), len(at)
-        )
+            expected = f"a unit for each of {','.join(names)}, or for none"
+            raise InvalidInput(self.locate(None, *bare), "no unit", expected)
+        cells = [self.read_cells(row, names) for row in range(len(self.lines))]
+        values = np.array([[read_number(cell) for cell in row] for row in cells]).reshape(len(cells), len(names))
         for row, j in np.argwhere(~np.isfinite(values))[:1]:
-            cell = self.read_cells(row, names)[j]
-            raise InvalidInput(self.locate(row, names[j]), repr(cell)[:60], "a finite number")
+            raise InvalidInput(self.locate(row, names[j]), repr(cells[row][j])[:60], "a finite number")
         return np.asarray(values * [self.columns[name].size for name in names])
 
     def resolve(self, wanted: Mapping[str, str]) -> TextTable:

@@ -79,7 +79,7 @@ from optik.arm.model import DHRow
 from optik.arm.plain import read_list, read_pose, read_record, read_vector, read_word
 from optik.arm.robot import Robot
 from optik.arm.shapes import Shapes
-from optik.check import check_count, check_flag, check_number, check_words, format_value
+from optik.check import check_count, check_flag, check_number, check_words, format_value, locate_error
 from optik.errors import InvalidInput
 from optik.file_io import decode_text, parse_toml, read_bytes
 from optik.plugins.files import is_path, split_links
@@ -152,11 +152,10 @@ def load(
     """
     if not isinstance(name, str | os.PathLike):
         raise InvalidInput("name", repr(name)[:60], "a name from optik.robots(), or the path of a file")
-    options: dict[str, Any] = {"tip": tip, "base": base, "values": values, "without_shape": without_shape}
-    options |= {
-        "gravity": gravity,
-        "shapes": shapes if shapes is None else "yes" if check_flag(shapes, "shapes") else "no",
-    }
+    options: dict[str, Any] = {"tip": tip, "base": base, "values": values, "gravity": gravity}
+    options["without_shape"] = without_shape
+    if shapes is not None:
+        options["shapes"] = "yes" if check_flag(shapes, "shapes") else "no"
     return _load(name, {key: value for key, value in options.items() if value is not None})
 
 
@@ -166,9 +165,8 @@ def _load(name: str | os.PathLike[str], given: dict[str, Any]) -> Robot:
     path, links = split_links(os.fspath(name)) if foreign or is_path(name) else ("", "")
     urdf = foreign or Path(path).suffix.lower() in URDF
     if "gravity" in given and not urdf:
-        return _load(name, {key: value for key, value in given.items() if key != "gravity"}).with_gravity(
-            given["gravity"]
-        )
+        others = {key: value for key, value in given.items() if key != "gravity"}
+        return _load(name, others).with_gravity(given["gravity"])
     if path:
         # A URDF contains the robot's name, so its file may be named like one of our robots.
         if not urdf:
@@ -221,7 +219,7 @@ def robot_from_toml(file: Path, name: str | None = None) -> Robot:
     try:
         return _robot(data, file, name or file.stem)
     except InvalidInput as error:
-        raise InvalidInput(f"{file.name}: {error.argument}", error.got, error.expected) from None
+        raise locate_error(file.name, error) from None
 
 
 def read_home(name: str | os.PathLike[str]) -> Array | None:
@@ -259,7 +257,9 @@ def _robot(data: dict[str, Any], file: Path, name: str) -> Robot:
     limits = _limits(joints, data.get("dynamic_limits", {}))
     turns = ["range_rad" in joint for joint in joints]
     warn_of_degrees(name, names or default, (limits.lower, limits.upper), turns, stacklevel=5)
-    _check_home(data, joints, limits)
+    scale = np.array([1e-3 if joint.get("type") == "prismatic" else RADIANS_PER_DEGREE for joint in joints])
+    if "home_deg" in data and not limits.contains(read_vector(data["home_deg"], "home_deg", len(joints)) * scale):
+        raise InvalidInput("home_deg", repr(data["home_deg"]), "a configuration inside the joint ranges")
     source = read_word(data.get("source", file.name), "source")
     robot = CONVENTIONS[convention](
         [_row(joint, f"joints[{i}]") for i, joint in enumerate(joints)],
@@ -277,19 +277,8 @@ def _robot(data: dict[str, Any], file: Path, name: str) -> Robot:
     if "motors" not in data:
         return robot
     motors = read_record(data["motors"], ("matrix",), "motors", optional=("offset_deg", "names"))
-    scale = np.array([1e-3 if joint.get("type") == "prismatic" else RADIANS_PER_DEGREE for joint in joints])
     offset = scale * read_vector(motors.get("offset_deg", [0.0] * len(joints)), "motors.offset_deg", len(joints))
     return robot.with_motors(motors["matrix"], offset=offset, names=motors.get("names"))
-
-
-def _check_home(data: Mapping[str, Any], joints: Sequence[Mapping[str, Any]], limits: JointLimits) -> None:
-    """Raise InvalidInput for a home that is not a configuration inside the joint ranges."""
-    if "home_deg" not in data:
-        return
-    scale = np.array([1e-3 if joint.get("type") == "prismatic" else RADIANS_PER_DEGREE for joint in joints])
-    home = read_vector(data["home_deg"], "home_deg", len(joints))
-    if not limits.contains(home * scale):
-        raise InvalidInput("home_deg", repr(home.tolist()), "a configuration inside the joint ranges")
 
 
 def _row(joint: Mapping[str, Any], where: str) -> DHRow:

@@ -170,33 +170,25 @@ class JointLimits:
     def __post_init__(self) -> None:
         lower, upper = freeze(self.lower, "limits.lower"), freeze(self.upper, "limits.upper")
         if lower.ndim != 1 or lower.shape != upper.shape or lower.size == 0:
-            raise InvalidInput(
-                "limits", f"shapes {lower.shape} and {upper.shape}", "lower and upper of one length n ≥ 1"
-            )
+            got = f"shapes {lower.shape} and {upper.shape}"
+            raise InvalidInput("limits", got, "lower and upper of one length n ≥ 1")
         if np.isnan(lower).any() or np.isnan(upper).any():
             raise InvalidInput("limits", "NaN", "numbers (infinity for a joint without a limit)")
         if (lower == np.inf).any() or (upper == -np.inf).any():
-            raise InvalidInput(
-                "limits", "a lower limit of +∞ or an upper one of −∞", "limits that a joint value can satisfy"
-            )
-        if (lower > upper).any():
-            i = int(np.argmax(lower > upper))
-            raise InvalidInput(
-                "limits", f"lower {lower[i]:.6g} above upper {upper[i]:.6g} at joint {i + 1}", "lower ≤ upper"
-            )
+            got = "a lower limit of +∞ or an upper one of −∞"
+            raise InvalidInput("limits", got, "limits that a joint value can satisfy")
+        for i in np.flatnonzero(lower > upper)[:1]:
+            got = f"lower {lower[i]:.6g} above upper {upper[i]:.6g} at joint {i + 1}"
+            raise InvalidInput("limits", got, "lower ≤ upper")
         far = np.isfinite(lower) & (lower < -LARGEST_LIMIT) | np.isfinite(upper) & (upper > LARGEST_LIMIT)
-        if far.any():
-            i = int(np.argmax(far))
-            raise InvalidInput(
-                "limits",
-                f"{lower[i]:.6g} to {upper[i]:.6g} at joint {i + 1}",
-                f"at most {LARGEST_LIMIT:g} rad or m; infinity for a joint without a limit (type continuous in a URDF)",
-            )
+        for i in np.flatnonzero(far)[:1]:
+            most = f"at most {LARGEST_LIMIT:g} rad or m"
+            expected = f"{most}; infinity for a joint without a limit (type continuous in a URDF)"
+            raise InvalidInput("limits", f"{lower[i]:.6g} to {upper[i]:.6g} at joint {i + 1}", expected)
         slowed = self.velocity_by_position
         if slowed is not None and not (isinstance(slowed, VelocityByPosition) and slowed.offset.size == lower.size):
-            raise InvalidInput(
-                "limits.velocity_by_position", repr(slowed)[:60], f"a VelocityByPosition of {lower.size} joints"
-            )
+            expected = f"a VelocityByPosition of {lower.size} joints"
+            raise InvalidInput("limits.velocity_by_position", repr(slowed)[:60], expected)
         object.__setattr__(self, "lower", lower)
         object.__setattr__(self, "upper", upper)
         for field in DYNAMIC_LIMITS:
@@ -309,15 +301,13 @@ class JointLimits:
         """
         check_count(count, "count", 0)
         width = 2.0 * np.asarray(half_if_infinite, dtype=np.float64)
-        low = np.where(
-            np.isfinite(self.lower), self.lower, np.where(np.isfinite(self.upper), self.upper - width, -width / 2)
-        )
+        free = np.where(np.isfinite(self.upper), self.upper - width, -width / 2)
+        low = np.where(np.isfinite(self.lower), self.lower, free)
         high = np.where(np.isfinite(self.upper), self.upper, low + width)
         low, high = low + margin, high - margin
         if (low > high).any():
-            raise InvalidInput(
-                "margin", f"{margin:.6g}", f"at most half of every range, {0.5 * (high - low).min() + margin:.6g}"
-            )
+            least = 0.5 * (high - low).min() + margin
+            raise InvalidInput("margin", f"{margin:.6g}", f"at most half of every range, {least:.6g}")
         return rng.uniform(low, high, (count, self.lower.size))
 
     def replace(self, **limits: ArrayLike | None) -> JointLimits:

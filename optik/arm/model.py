@@ -212,10 +212,9 @@ class ArmModel:
         """Return the arm with another tool."""
         T = se3.check_pose(tool, "tool")
         new = self.tool @ T if check_flag(add, "add") else T
-        moved = self.shapes is not None and PAYLOAD in self.shapes.names
-        shapes = (
-            self.shapes.transform_part(PAYLOAD, new @ se3.inverse(self.tool)) if self.shapes and moved else self.shapes
-        )
+        shapes = self.shapes
+        if shapes is not None and PAYLOAD in shapes.names:
+            shapes = shapes.transform_part(PAYLOAD, new @ se3.inverse(self.tool))
         return replace(self, tool=new, shapes=shapes)
 
     def with_limits(self, limits: JointLimits | None = None, **fields: ArrayLike | None) -> Self:

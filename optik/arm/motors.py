@@ -54,16 +54,12 @@ class Motors:
         n = self.limits.lower.size
         for name in ("deceleration", "velocity_by_position"):
             if getattr(self.limits, name) is not None:
-                raise InvalidInput(
-                    "motors.limits",
-                    name,
-                    f"none, because it limits axes: call with_motors first, then with_limits({name}=...)",
-                )
+                expected = f"none, because it limits axes: call with_motors first, then with_limits({name}=...)"
+                raise InvalidInput("motors.limits", name, expected)
         matrix = freeze(real_array(self.matrix, "motors.matrix", f"{n} rows of {n} numbers"), "motors.matrix")
         if matrix.shape != (n, n) or not np.isfinite(matrix).all() or not np.linalg.cond(matrix) < WORST_CONDITION:
-            raise InvalidInput(
-                "motors.matrix", f"{matrix.tolist()}"[:120], f"an invertible matrix of {n} rows and columns"
-            )
+            expected = f"an invertible matrix of {n} rows and columns"
+            raise InvalidInput("motors.matrix", f"{matrix.tolist()}"[:120], expected)
         names = check_words(self.names, "motors.names")
         if len(names) != n or len(set(names)) != n:
             raise InvalidInput("motors.names", ", ".join(names), f"{n} different names")
@@ -189,9 +185,8 @@ class AxisLimits(JointLimits):
         self, rng: np.random.Generator, count: int, *, margin: float = 0.0, half_if_infinite: ArrayLike = np.pi
     ) -> Array:
         """Sample motors uniformly inside their ranges; return the axes (count, n)."""
-        return self.clip(
-            self._own.axes(self._own.limits.sample(rng, count, margin=margin, half_if_infinite=half_if_infinite))
-        )
+        inside = self._own.limits.sample(rng, count, margin=margin, half_if_infinite=half_if_infinite)
+        return self.clip(self._own.axes(inside))
 
 
 LIMIT_FIELDS = ("lower", "upper", "velocity", "acceleration", "jerk", "torque", "torque_rate")
@@ -210,9 +205,8 @@ def couple(limits: JointLimits, motors: Motors | None) -> JointLimits:
         return JointLimits(**given)
     implied = motors.limit_axes()
     if (limits.lower != implied.lower).any() or (limits.upper != implied.upper).any():
-        raise InvalidInput(
-            "limits", "ranges of axes", "ranges of the motors, which imply those of the axes: with_motors"
-        )
+        expected = "ranges of the motors, which imply those of the axes: with_motors"
+        raise InvalidInput("limits", "ranges of axes", expected)
     return AxisLimits(**given, motors=motors)
 
 
@@ -228,9 +222,8 @@ def find_outside(robot: Any, q: Array) -> tuple[str, float, float, float, int]:
 def refuse_motors(arm: Any, format: str) -> None:
     """Raise RobotModelError for an arm with motors that a format has no place for."""
     if arm.motors is not None:
-        raise RobotModelError(
-            arm.name, f"its motors {', '.join(arm.motors.names)} are coupled, for which {format} has no place"
-        )
+        names = ", ".join(arm.motors.names)
+        raise RobotModelError(arm.name, f"its motors {names} are coupled, for which {format} has no place")
 
 
 def have_same_matrix(one: Motors | None, other: Motors | None) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -138,13 +139,16 @@ def read_pose(data: Any, argument: str, *, optional: tuple[str, ...] = ()) -> Ar
 
 def make_rotation(kind: str, values: Array, argument: str) -> Array:
     """Return the rotation (3, 3) of an orientation."""
+    length, order = math.hypot(*values), kind.rpartition("_")[2]
     if kind.startswith("quaternion"):
-        return se3.from_quaternion(values if kind.endswith("wxyz") else np.roll(values, 1), argument)
+        if not abs(length - 1.0) <= se3.QUATERNION_ERROR:
+            got = f"{values.tolist()} of length {length:.6g}"
+            raise InvalidInput(argument, got, f"a unit quaternion {', '.join(order)}")
+        return se3.from_quaternion(values if order == "wxyz" else np.roll(values, 1))
     if kind == "rotation_vector_rad":
-        if not (length := float(np.linalg.norm(values))) <= LONGEST_ROTATION:
-            raise InvalidInput(
-                argument, f"a vector of length {length:.6g}", "a rotation vector [rad] of at most a turn"
-            )
+        if not length <= LONGEST_ROTATION:
+            got = f"a vector of length {length:.6g}"
+            raise InvalidInput(argument, got, "a rotation vector [rad] of at most a turn")
         return se3.exp_so3(values)
     return np.asarray(se3.from_xyz_rpy(np.zeros(3), values if kind == "rpy_deg" else values[::-1])[:3, :3])
 
@@ -214,9 +218,8 @@ def arm_from_dict(data: Any) -> ArmModel:
 def _motors_to_dict(motors: Motors) -> dict[str, Any]:
     """Return motors as plain data."""
     limits = {k: numbers_to_list(v) for k in LIMIT_FIELDS if (v := getattr(motors.limits, k)) is not None}
-    return {"names": list(motors.names), "limits": limits} | {
-        k: numbers_to_list(getattr(motors, k)) for k in MOTOR_KEYS
-    }
+    arrays = {k: numbers_to_list(getattr(motors, k)) for k in MOTOR_KEYS}
+    return {"names": list(motors.names), "limits": limits} | arrays
 
 
 def _motors_from_dict(data: Any, n: int) -> Motors:
@@ -263,16 +266,13 @@ def shapes_from_dict(data: Any) -> Shapes:
     capsules: Any = list(zip(links, a, b, radius.tolist(), strict=True))
     names = read_words(data["names"], "robot.shapes.names")
     source = read_word(data["source"], "robot.shapes.source")
-    unread = [
-        read_words(pair, "robot.shapes.unread") for pair in read_list(data.get("unread", []), "robot.shapes.unread")
-    ]
+    pairs = read_list(data.get("unread", []), "robot.shapes.unread")
+    unread = [read_words(pair, "robot.shapes.unread") for pair in pairs]
     return Shapes(capsules, names, data["apart"], np.array(stated), source, unread)  # type: ignore[arg-type]
 
 
 def describe_difference(a: ArmModel, b: ArmModel) -> str:
     """Return the names of the parts in which two robots differ, for an error."""
     first, second = arm_to_dict(a), arm_to_dict(b)
-    return (
-        ", ".join(key for key in {**first, **second} if first.get(key) != second.get(key))
-        or "nothing that files contain"
-    )
+    differing = [key for key in {**first, **second} if first.get(key) != second.get(key)]
+    return ", ".join(differing) or "nothing that files contain"

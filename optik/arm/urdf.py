@@ -214,8 +214,7 @@ def _limits(robot: str, joint: Joint) -> tuple[float, float, float]:
     if joint.kind != "continuous":
         if element is None:
             raise RobotModelError(robot, f"{where}: no <limit>, which URDF requires of a {joint.kind} joint")
-        lower = read_number(robot, where, element.get("lower", "0"), "lower limit")
-        upper = read_number(robot, where, element.get("upper", "0"), "upper limit")
+        lower, upper = (read_number(robot, where, element.get(s, "0"), f"{s} limit") for s in ("lower", "upper"))
         lower = -np.inf if lower < -LARGEST_LIMIT else lower  # exporters write 1e16 for a joint without limits
         upper = np.inf if upper > LARGEST_LIMIT else upper
         if lower > upper:
@@ -227,16 +226,13 @@ def _read_dynamic_limits(robot: str, joints: list[Joint]) -> dict[str, Any]:
     """Read the limits that few files have: further attributes of <limit>, and libfranka's <position_based_velocity_limits>."""
     given = {name: [_positive(robot, joint, "limit", name) or np.inf for joint in joints] for name in LIMIT_ATTRIBUTES}
     found: dict[str, Any] = {name: np.array(values) for name, values in given.items() if np.isfinite(values).any()}
-    offset, deceleration = (
-        np.array([_positive(robot, joint, BY_POSITION, name) for joint in joints])
-        for name in ("velocity_offset", "deceleration_limit")
-    )
     if any(BY_POSITION in joint.element for joint in joints):
+        keys = "velocity_offset", "deceleration_limit"
+        offset, deceleration = np.array([[_positive(robot, x, BY_POSITION, key) for x in joints] for key in keys])
         for joint, d in zip(joints, deceleration, strict=True):
             if BY_POSITION in joint.element and not d > 0.0:
-                raise RobotModelError(
-                    robot, f"joint {joint.name!r}: deceleration_limit {d:g}, expected a number above 0"
-                )
+                problem = f"deceleration_limit {d:g}, expected a number above 0"
+                raise RobotModelError(robot, f"joint {joint.name!r}: {problem}")
         found["velocity_by_position"] = VelocityByPosition(offset, np.where(deceleration > 0.0, deceleration, np.inf))
     return found
 
@@ -249,10 +245,9 @@ def _check_ranges(robot: str, joints: list[Joint], lower: Array, upper: Array) -
         raise RobotModelError(robot, f"joint {join_names(locked)} cannot move: {advice}")
     narrower = []
     for joint, low, high in zip(joints, lower, upper, strict=True):
-        soft = [
-            joint.element.get("safety_controller", {}).get(f"soft_{side}_limit", "0") for side in ("lower", "upper")
-        ]
-        a, b = (read_number(robot, f"joint {joint.name!r}", text, "soft limit") for text in soft)
+        where, soft = f"joint {joint.name!r}", joint.element.get("safety_controller", {})
+        texts = (soft.get(f"soft_{side}_limit", "0") for side in ("lower", "upper"))
+        a, b = (read_number(robot, where, text, "soft limit") for text in texts)
         narrower += [f"{joint.name!r} [{a:g}, {b:g}]"] if a < b and (a > low or b < high) else []
     if narrower:
         problem = f"the soft limits of <safety_controller> are not the ranges: {join_names(narrower)}; with_limits sets others"

@@ -87,11 +87,8 @@ def load_scene(
     urdf, path = suffix in (".urdf", ".xml"), Path(file)
     if package_dirs is not None and not urdf:
         raise InvalidInput("package_dirs", "folders", "none: only a URDF names meshes")
-    content = (
-        b""
-        if urdf
-        else read_bytes(path, argument="scene", expected="a readable file of a scene", most=MOST_SCENE_BYTES)
-    )
+    expected = "a readable file of a scene"
+    content = b"" if urdf else read_bytes(path, argument="scene", expected=expected, most=MOST_SCENE_BYTES)
     try:
         if urdf:
             with name_file(file):

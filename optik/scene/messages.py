@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from optik import se3
-from optik.arm.plain import read_list
+from optik.arm.plain import make_rotation, read_list
 from optik.check import check_number, format_value
 from optik.errors import InvalidInput
 from optik.types import Array
@@ -71,12 +71,7 @@ def read_pose(value: Any, where: str, names: tuple[str, str] = ("position", "ori
     parts = read_fields(value, where, names)
     p = read_floats(parts.get(names[0], {}), f"{where}.{names[0]}", 3, POINT_DEFAULTS)
     q = read_floats(parts.get(names[1], {}), f"{where}.{names[1]}", 4, ROTATION_DEFAULTS)
-    with np.errstate(over="ignore"):
-        size = float(np.linalg.norm(q))
-    if not abs(size - 1.0) <= se3.QUATERNION_ERROR:
-        got = f"{format_value(q.tolist())} of length {size:.6g}"
-        raise InvalidInput(f"{where}.{names[1]}", got, "a unit quaternion x, y, z, w")
-    return se3.pose(se3.from_quaternion(q[[3, 0, 1, 2]]), p)
+    return se3.pose(make_rotation("quaternion_xyzw", q, f"{where}.{names[1]}"), p)
 
 
 def read_time(value: Any, where: str) -> int:

@@ -58,9 +58,8 @@ def scene_from_moveit(text: str, suffix: str = ".yaml") -> dict[str, Any]:
         raise InvalidInput("robot_state", got, "none: Shapes.with_part attaches objects to a link")
     octomap = read_fields(world.get("octomap") or {}, "world.octomap")
     if read_fields(octomap.get("octomap") or {}, "world.octomap.octomap").get("data"):
-        raise InvalidInput(
-            "world.octomap", "an octomap with data", "none, because it is not read: its cells as clouds= of Scene"
-        )
+        expected = "none, because it is not read: its cells as clouds= of Scene"
+        raise InvalidInput("world.octomap", "an octomap with data", expected)
     _check_links(scene)
     frames, known = _Frames(scene, state), dict[str, str]()
     parts, notes = list[Part](), ["is_diff: the objects of the file are the whole scene"] * bool(scene.get("is_diff"))
@@ -78,9 +77,7 @@ def scene_from_moveit(text: str, suffix: str = ".yaml") -> dict[str, Any]:
             raise InvalidInput(f"{where}.id", repr(name)[:60], f"an id that differs from that of {known[name]}")
         if operation not in ADD:
             raise InvalidInput(f"{where}.operation", format_value(operation), "ADD (0) or REMOVE (1)")
-        T = frames.find(one, where) @ (
-            np.eye(4) if one.get("pose") is None else read_pose(one["pose"], f"{where}.pose")
-        )
+        T = frames.find(one, where) @ read_pose(one.get("pose") or {}, f"{where}.pose")
         found = list(_read_object(one, name, T, where))
         if not found:
             raise InvalidInput(where, f"{name!r} without parts", "primitives, planes or meshes")
@@ -129,11 +126,8 @@ def _read_object(one: dict[str, Any], name: str, T: Array, where: str) -> Iterat
     """Read the parts of an object at a pose."""
     for key, poses in OBJECT_PARTS:
         rows = read_rows(one, key, where)
-        places = (
-            read_list(one.get(poses) or [{}] * len(rows), f"{where}.{poses}", f"{len(rows)} poses", len(rows))
-            if rows
-            else []
-        )
+        given = (one.get(poses) if rows else None) or [{}] * len(rows)
+        places = read_list(given, f"{where}.{poses}", f"{len(rows)} poses", len(rows))
         for k, (row, place) in enumerate(zip(rows, places, strict=True)):
             at = f"{where}.{key}[{k}]"
             read = {"primitives": _primitive, "planes": _plane, "meshes": _mesh}[key]
@@ -168,10 +162,8 @@ def _plane(row: dict[str, Any], T: Array, where: str) -> tuple[str, tuple[Any, .
 
 def _mesh(row: dict[str, Any], T: Array, where: str) -> tuple[str, Array]:
     points = read_rows(row, "vertices", where)
-    corners = np.array(
-        [read_floats(point, f"{where}.vertices[{i}]", 3, POINT_DEFAULTS) for i, point in enumerate(points)]
-    )
-    triangles = []
+    read = (read_floats(point, f"{where}.vertices[{i}]", 3, POINT_DEFAULTS) for i, point in enumerate(points))
+    corners, triangles = np.array(list(read)), []
     for i, triangle in enumerate(read_rows(row, "triangles", where)):
         at = f"{where}.triangles[{i}]"
         three = read_list(read_fields(triangle, at).get("vertex_indices"), at, "three indices", 3)
@@ -213,9 +205,11 @@ class _Frames:
 def _read_allowed(matrix: Any, objects: set[str]) -> list[tuple[str, str]]:
     """Return the pairs of a link and an object that may touch."""
     where = "allowed_collision_matrix"
-    names = [
-        read_word(name, f"{where}.entry_names") for name in read_rows(read_fields(matrix, where), "entry_names", where)
-    ]
+    read_fields(matrix, where)
+    names, every = (
+        [read_word(name, f"{where}.{key}") for name in read_rows(matrix, key, where)]
+        for key in ("entry_names", "default_entry_names")
+    )
     rows = read_list(matrix.get("entry_values") or [], f"{where}.entry_values", f"{len(names)} rows", len(names))
     found = {}
     for name, row in zip(names, rows, strict=True):
@@ -224,9 +218,6 @@ def _read_allowed(matrix: Any, objects: set[str]) -> list[tuple[str, str]]:
         for other, flag in zip(names, flags, strict=True):
             if flag is True and name not in objects and other in objects:
                 found[name, other] = True
-    every = [
-        read_word(name, f"{where}.default_entry_names") for name in read_rows(matrix, "default_entry_names", where)
-    ]
     flags = read_list(matrix.get("default_entry_values") or [], f"{where}.default_entry_values", "flags", len(every))
     for name, flag in zip(every, flags, strict=True):
         for link in names:

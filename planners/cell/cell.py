@@ -115,9 +115,8 @@ class Cell:
         if drive.robot == self.robot:
             return drive
         if drive.robot != self._bare:
-            raise InvalidInput(
-                "drive", f"a drive built for another arm, {drive.robot.name!r}", "one built for this arm"
-            )
+            got = f"a drive built for another arm, {drive.robot.name!r}"
+            raise InvalidInput("drive", got, "one built for this arm")
         drive.carry(self.robot)
         return drive
 

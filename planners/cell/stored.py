@@ -84,11 +84,8 @@ def _follow_path(motion: Motion, solver: str) -> JointPath:
     tolerance = motion.tolerance or DEFAULT_TOLERANCE
     allowed = tolerance.scale(PATH_FRACTION)
     found = follow(get_solver(motion.robot, solver), motion.path, motion.trajectory(0.0), tolerance=allowed)
-    if found.failure is not None:
-        failure = found.failure
-        raise NoSolution(
-            f"the path of this motion cannot be followed: {failure.reason}", s=failure.s, advice=failure.advice
-        )
+    if (why := found.failure) is not None:
+        raise NoSolution(f"the path of this motion cannot be followed: {why.reason}", s=why.s, advice=why.advice)
     assert found.joint_path is not None
     return found.joint_path
 

@@ -134,9 +134,8 @@ class Certificate:
     def _repr_html_(self) -> str:
         """Return the verdict and the peaks for a notebook."""
         title, verdict = f"Certificate of {self.duration:.4g} s", summary_lines(self)[0]
-        return Card(
-            title=title, verdict=verdict, good=self.is_valid, bars=limit_bars(self), facts=tool_facts(self)
-        ).to_html()
+        good, bars, facts = self.is_valid, limit_bars(self), tool_facts(self)
+        return Card(title=title, verdict=verdict, good=good, bars=bars, facts=facts).to_html()
 
     @cached_property
     def sampled_jerk(self) -> Array:
@@ -411,10 +410,8 @@ def check_valid(proof: Certificate, allow: Allow = (), context: str = "", advice
     violations = find_forbidden(proof, allow)
     if violations:
         reason = context + "; ".join(violation.words for violation in violations)
-        first = violations[0]
-        raise InvalidMotion(
-            reason, words_for(violations, allow), s=proof.s_at(first.t), joint=first.joint, advice=advice
-        )
+        first, words = violations[0], words_for(violations, allow)
+        raise InvalidMotion(reason, words, s=proof.s_at(first.t), joint=first.joint, advice=advice)
 
 
 def plan_summary(

@@ -86,9 +86,8 @@ def certify(
     """
     if path is not None and not isinstance(path, Path):
         waypoints = check_waypoints(path, "path")
-        proof = certify(
-            robot, None, trajectory, limits, law=law, enforced=enforced, rate=rate, scene=scene, before=before
-        )
+        options: dict[str, Any] = {"law": law, "enforced": enforced, "rate": rate, "scene": scene, "before": before}
+        proof = certify(robot, None, trajectory, limits, **options)
         return _judge_waypoints(proof, waypoints, tolerance)
     limits = _check_kinds(robot, path, trajectory, limits)
     span = _check_part(path, span, tolerance, trajectory)
@@ -212,13 +211,8 @@ def _measure_along_path(motion: MotionAnalysis, span: tuple[float, float]) -> tu
 def _check_kinds(robot: Robot, path: Path | None, trajectory: Trajectory, limits: MotionLimits | None) -> MotionLimits:
     """Return the limits; raise InvalidInput for arguments of a wrong type or with a wrong number of joints."""
     limits = MotionLimits.of(robot) if limits is None and isinstance(robot, Robot) else limits
-    kinds = {
-        "robot": (robot, Robot),
-        "path": (path, Path | None),
-        "trajectory": (trajectory, Trajectory),
-        "limits": (limits, MotionLimits),
-    }
-    for argument, (value, kind) in kinds.items():
+    given = {"robot": robot, "path": path, "trajectory": trajectory, "limits": limits}
+    for (argument, value), kind in zip(given.items(), (Robot, Path | None, Trajectory, MotionLimits), strict=True):
         if not isinstance(value, kind):
             raise InvalidInput(argument, repr(value)[:60], f"a {getattr(kind, '__name__', 'Path or None')}")
     if trajectory.n != robot.n:
@@ -249,9 +243,8 @@ def limited_parts(
         raise InvalidInput("before", f"limits on {', '.join(old.names)} until {t:.9g} s", expected)
     if t >= trajectory.end:
         return (LimitedPart(motion, 0.0, old),)
-    first, second = (
-        MotionAnalysis(motion.robot, part, path) for part in (cut_after(trajectory, t), cut_before(trajectory, t))
-    )
+    halves = cut_after(trajectory, t), cut_before(trajectory, t)
+    first, second = (MotionAnalysis(motion.robot, part, path) for part in halves)
     return LimitedPart(first, 0.0, old), LimitedPart(second, t, limits)
 
 

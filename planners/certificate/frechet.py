@@ -64,9 +64,8 @@ def _sample_tool(robot: Robot, trajectory: Trajectory, allowed: Array) -> tuple[
     h = np.diff(knots)
     parts = np.ceil(h * np.sqrt((bend / (8.0 * allowed)).max(axis=1))).clip(1.0)
     parts = np.ceil(parts * min(1.0, MOST_INSTANTS / parts.sum())).astype(np.int64)
-    t = np.append(
-        np.concatenate([a + d * np.arange(k) / k for a, d, k in zip(knots, h, parts, strict=False)]), knots[-1]
-    )
+    pieces = [a + d * np.arange(k) / k for a, d, k in zip(knots, h, parts, strict=False)]
+    t = np.concatenate([*pieces, knots[-1:]])
     off = (bend * (h / parts)[:, None] ** 2 / 8.0).max(axis=0)
     return t, Chords(np.ascontiguousarray(embed_poses(robot.fk(trajectory(t)), 1.0)), off)
 

@@ -133,9 +133,8 @@ def merge_certificates(
     missing = {name: tuple(i for i, p in zip(which, proofs, strict=True) if name not in p.extra) for name in extra}
 
     def worst(name: str) -> Any:
-        known: list[Any] = [getattr(proof, name, None) or proof.extra.get(name) for proof in proofs]
-        each = [x._replace(time=x.time + t) for x, t in zip(known, begins, strict=True) if x]
-        each = each or [ToolExtreme(np.nan, np.nan, 0.0)]
+        known: list[Any] = [(p.extreme(name), t) for p, t, _ in shift if name in ALL_LIMITS or name in p.extra]
+        each = [x._replace(time=x.time + t) for x, t in known] or [ToolExtreme(np.nan, np.nan, 0.0)]
         found = reduce(select_worse, each)
         value = np.max([x.value for x in each], axis=0)  # which may be in a section with a higher limit
         return found._replace(value=value if isinstance(found, Extreme) else float(value))

@@ -64,9 +64,8 @@ def read_log(table: TextTable, robot: Robot, names: list[str]) -> MessagePoints:
     t = np.array([sum(float(x - x0) * size for x, x0, size in zip(row, rows[0], sizes, strict=True)) for row in rows])
     orders, from_start = sorted(sets), _find_words(stems.pop().lower())[-3:] == SINCE_START
     values = [table.read_numbers(list(sets[order])) for order in orders]
-    pairs = [*zip(["s"], clocks.values(), strict=False)]
-    pairs += [pair for k in orders for pair in zip(list_units(robot, k), sets[k].values(), strict=True)]
-    assumed = dict.fromkeys(unit for unit, column in pairs if not column.unit)
+    usual = [(["s"], clocks), *((list_units(robot, k), sets[k]) for k in orders)]
+    assumed = dict.fromkeys(unit for units, own in usual if not next(iter(own.values())).unit for unit in units)
     return MessagePoints(t, begin, values, from_start, lambda i: table.locate(i, *clock), table.notes, assumed)
 
 

@@ -140,9 +140,8 @@ def read_saved(file: str | os.PathLike[str]) -> tuple[Motion, bool] | None:
     found = data.get("format") if isinstance(data, dict) else None
     if isinstance(found, str) and found.startswith("optik-") and found != CONTENT:
         advice = f"optik view {file} shows an execution or a failed plan"
-        raise InvalidInput(
-            f"{file}: format", repr(found)[:60], "setpoints, a message, or a saved motion", advice=advice
-        )
+        expected = "setpoints, a message, or a saved motion"
+        raise InvalidInput(f"{file}: format", repr(found)[:60], expected, advice=advice)
     return (load_motion(file), True) if found == CONTENT else None
 
 
@@ -167,17 +166,16 @@ def _find_message(data: Any) -> Any:
 def _convert(found: MessagePoints, robot: Robot, unit: Names) -> MessagePoints:
     """Return setpoints in SI units, with the units of ``unit=`` where the file states none."""
     bases, given = {one: next(iter(sizes)) for sizes in UNIT_SIZES for one in sizes}, read_names(unit, "unit")
-    units, left = {bases.get(one, ""): one for one in given}, list(found.assumed)
-    if len(units) < len(given) or not {*units} <= {one.partition("/")[0] for one in left}:
-        expected = f"units instead of {', '.join(left) or 'none'}, which the file does not state, such as 'ms,deg'"
+    units, assumed = {bases.get(one, ""): one for one in given}, {one: one.partition("/")[0] for one in found.assumed}
+    if len(units) < len(given) or not {*units} <= {*assumed.values()}:
+        expected = f"units instead of {', '.join(assumed) or 'none'}, which the file does not state, such as 'ms,deg'"
         raise InvalidInput("unit", ",".join(given)[:60], expected)
-    if "s" in left and "s" not in units and found.begin >= ROS_TIME and not (found.t % 1.0).any():
+    if "s" in assumed and "s" not in units and found.begin >= ROS_TIME and not (found.t % 1.0).any():
         units["s"] = "ns"
         found.notes.append("the times are in nanoseconds, because they are large whole numbers")
-    parts = [(one, *one.partition("/")) for one in left]
-    sizes = {one: find_size("", units.get(base, base) + slash + per) or 1.0 for one, base, slash, per in parts}
+    sizes = {one: find_size(units.get(base, ""), base) or 1.0 for one, base in assumed.items()}
     values = [rows * [sizes.get(one, 1.0) for one in list_units(robot, k)] for k, rows in enumerate(found.values)]
-    size, left = sizes.get("s", 1.0), [one for one, base, *_ in parts if base not in units]
+    size, left = sizes.get("s", 1.0), [one for one, base in assumed.items() if base not in units]
     found = found._replace(t=found.t * size, begin=found.begin * size, values=values, assumed=left)
     if unit != ():
         _check_meant(found, robot)

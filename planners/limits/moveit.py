@@ -113,9 +113,8 @@ def read_limits(
     others = sorted({*map(str, joints)} - {*names})
     notes = [f"no joints of {robot.name}: {', '.join(others)}"] if others else []
     notes += [f"not read: {', '.join(sorted(unread))}"] if unread else []
-    given = {
-        kind: x if np.isfinite(x).any() else None for kind, x in values.items() if not np.array_equal(x, own[kind])
-    }
+    changed = {kind: x for kind, x in values.items() if not np.array_equal(x, own[kind])}
+    given = {kind: x if np.isfinite(x).any() else None for kind, x in changed.items()}
     return FoundLimits(ranges, braking if np.isfinite(braking).any() else None, given, notes)
 
 
@@ -136,14 +135,10 @@ def _read_deceleration(entry: dict[str, Any], where: str, known: float) -> float
         raise InvalidInput(f"{where}, {switch}", repr(entry[switch])[:60], "true or false")
     if entry.get(switch) is False:
         return np.inf
-    expected = "a deceleration below 0, as Pilz writes it"
-    return (
-        known
-        if key not in entry
-        else check_number(
-            -check_number(entry[key], f"{where}, {key}", expected), f"{where}, {key}", expected, above=0.0
-        )
-    )
+    if key not in entry:
+        return known
+    where, expected = f"{where}, {key}", "a deceleration below 0, as Pilz writes it"
+    return check_number(-check_number(entry[key], where, expected), where, expected, above=0.0)
 
 
 def _read(entry: dict[str, Any], kind: str, keys: tuple[str, ...], where: str, values: Array) -> None:

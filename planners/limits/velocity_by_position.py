@@ -47,9 +47,8 @@ class VelocityByPositionLimit(RecordLimit):
         limits = robot.limits
         room = np.maximum(np.where(up, limits.upper - q, q - limits.lower), 0.0)
         with np.errstate(invalid="ignore"):
-            most = np.where(
-                np.isfinite(bound.deceleration), np.sqrt(2.0 * bound.deceleration * room) - bound.offset, np.inf
-            )
+            braked = np.sqrt(2.0 * bound.deceleration * room) - bound.offset
+            most = np.where(np.isfinite(bound.deceleration), braked, np.inf)
         return np.asarray(most if limits.velocity is None else np.minimum(most, limits.velocity))
 
     def _ratio(self, robot: Robot, bound: Any, q: Array, v: Array, still: Array | float) -> Array:
@@ -76,12 +75,10 @@ class VelocityByPositionLimit(RecordLimit):
         found, proved, excess = ratio.max(axis=0), np.full(motion.robot.n, np.inf), FIRST_EXCESS
         for _ in range(RAISES):
             tried = found * (1.0 + excess)
-            open_ = ~np.isfinite(proved) & (found < np.inf)
-            holds = [
-                i for i in np.flatnonzero(open_) if found[i] == 0.0 or self._proves(motion, bound, int(i), tried[i])
-            ]
+            left = np.flatnonzero(~np.isfinite(proved) & (found < np.inf)).tolist()
+            holds = [i for i in left if found[i] == 0.0 or self._proves(motion, bound, i, tried[i])]
             proved[holds] = tried[holds]
-            if len(holds) == open_.sum():
+            if holds == left:
                 break
             excess *= RAISED
         value = np.abs(states[:, :, 1].reshape(t.size, -1)[where, joints])

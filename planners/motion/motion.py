@@ -106,9 +106,8 @@ class Motion:
         self.limits.arrays(self.robot.n)
         check_path(self.limits, self.path)
         if not isinstance(self.enforced, tuple) or any(k not in self.limits.names for k in self.enforced):
-            raise InvalidInput(
-                "enforced", repr(self.enforced)[:120], f"a tuple of some of {', '.join(self.limits.names)}"
-            )
+            expected = f"a tuple of some of {', '.join(self.limits.names)}"
+            raise InvalidInput("enforced", repr(self.enforced)[:120], expected)
 
         if self.tolerance is not None:
             object.__setattr__(self, "tolerance", Tolerance.of(self.tolerance))
@@ -145,12 +144,7 @@ class Motion:
         """
         if not options:
             return self.certificate
-        known: dict[str, Any] = {
-            "law": self.law,
-            "enforced": self.enforced,
-            "tolerance": self.tolerance,
-            "span": self.span,
-        }
+        known: dict[str, Any] = {name: getattr(self, name) for name in ("law", "enforced", "tolerance", "span")}
         known |= {"scene": self.scene, "before": self.before}
         return certify(self.robot, self.path, self.trajectory, self.limits, **(known | options))
 

@@ -11,7 +11,6 @@ import numpy as np
 
 from optik.check import check_number
 from optik.errors import InvalidInput
-from optik.types import Array
 from planners.certificate.sections import SectionTimes
 from planners.following.joint_path import JointPath
 from planners.motion.event import Event, check_signal
@@ -25,6 +24,8 @@ STEPS = 60
 """Most Newton steps or bisections for the time of a place: bisection alone suffices."""
 PASSED = 1e-9
 """Fraction of a part's length beyond its ends that is rounding."""
+A_FRACTION = "a number from 0 to 1"
+"""Fractions that an event may have, in words."""
 MOST_EVENTS = 1_000_000
 """Largest number of signals of a `PeriodicEvent`."""
 
@@ -66,11 +67,8 @@ class PathEvent:
             raise InvalidInput("distance", f"{self.distance}, and fraction={self.fraction}", "one of the two")
         if self.distance is not None:
             check_number(self.distance, "distance", "a number [m]")
-        if (
-            self.fraction is not None
-            and not 0.0 <= check_number(self.fraction, "fraction", "a number from 0 to 1") <= 1.0
-        ):
-            raise InvalidInput("fraction", f"{self.fraction:g}", "a number from 0 to 1")
+        if self.fraction is not None and check_number(self.fraction, "fraction", A_FRACTION, least=0.0) > 1.0:
+            raise InvalidInput("fraction", f"{self.fraction:g}", A_FRACTION)
 
 
 @dataclass(frozen=True)
@@ -146,27 +144,24 @@ def list_places(
     corner nearest to the programmed corner is the end of the one part and the start of the other.
     """
     i = find_part(parts, event.part)
-    _part, own = parts[i], parts[i].path
-    label = f"the part {event.part!r}"
+    own, label = parts[i].path, f"the part {event.part!r}"
     if isinstance(event, PathEvent) and event.fraction is not None:
-        return [_bend(parts, corners, path, i, event.fraction * own.end)]
-    if own.in_joints:
+        at = np.array([event.fraction * own.end])
+    elif own.in_joints:
         argument = "distance" if isinstance(event, PathEvent) else "spacing"
-        raise InvalidInput(
-            argument, f"a distance along {label}, whose path is in joint space", "fraction=, from 0 to 1"
-        )
-    if isinstance(event, PeriodicEvent):
+        got = f"a distance along {label}, whose path is in joint space"
+        raise InvalidInput(argument, got, "fraction=, from 0 to 1")
+    elif isinstance(event, PeriodicEvent):
         if own.end / event.spacing > MOST_EVENTS:
             raise InvalidInput("spacing", f"{event.spacing:g}", f"at least {own.end / MOST_EVENTS:g} for {label}")
-        at: Array = event.spacing * np.arange(np.floor(own.end / event.spacing * (1.0 + PASSED)) + 1.0)
-        return [_bend(parts, corners, path, i, min(float(x), own.end)) for x in at]
-    assert event.distance is not None
-    x = event.distance if event.distance >= 0.0 else own.end + event.distance
-    if not -PASSED * own.end <= x <= (1.0 + PASSED) * own.end:
-        raise InvalidInput(
-            "distance", f"{event.distance:g} {own.unit}", f"at most the length of {label}, {own.end:.6g} {own.unit}"
-        )
-    return [_bend(parts, corners, path, i, float(np.clip(x, 0.0, own.end)))]
+        at = event.spacing * np.arange(np.floor(own.end / event.spacing * (1.0 + PASSED)) + 1.0)
+    else:
+        assert event.distance is not None
+        at = np.array([event.distance if event.distance >= 0.0 else own.end + event.distance])
+        if not -PASSED * own.end <= at[0] <= (1.0 + PASSED) * own.end:
+            expected = f"at most the length of {label}, {own.end:.6g} {own.unit}"
+            raise InvalidInput("distance", f"{event.distance:g} {own.unit}", expected)
+    return [_bend(parts, corners, path, i, x) for x in np.clip(at, 0.0, own.end).tolist()]
 
 
 def _bend(parts: tuple[Any, ...], corners: tuple[Corner, ...], path: Path, i: int, x: float) -> float:

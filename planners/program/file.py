@@ -169,10 +169,8 @@ class _Reader:
     def _note(self, error: OptikError) -> None:
         """Add a mistake, with the file and the place in it, once."""
         place = f"{self.file}{f': {self.where}' if self.where else ''}"
-        if isinstance(error, InvalidInput):
-            named = locate_error(place, error)
-        else:
-            named = InvalidInput(place, str(error), "a program")
+        other = InvalidInput(place, str(error), "a program")
+        named = locate_error(place, error) if isinstance(error, InvalidInput) else other
         if str(named) not in map(str, self.mistakes):  # of a frame or a table that several parts have
             self.mistakes.append(named)
 
@@ -216,10 +214,8 @@ class _Reader:
         return check_range(arm, read_vector(value, key, arm.n) / unit_factors(arm), key)
 
     def _read_configuration(self, arm: Robot, name: Any, key: str) -> Array:
-        known = self.data.get("configurations", {})
-        if not isinstance(known, Mapping) or not isinstance(name, str) or name not in known:
-            raise _unknown(key, name, known)
-        return self._read_joints(arm, known[name], f"configurations.{name}")
+        found = _look_up(key, name, self.data.get("configurations", {}))
+        return self._read_joints(arm, found, f"configurations.{name}")
 
     def _read_pose(self, data: Any, key: str, seen: tuple[str, ...] = ()) -> Array:
         """Return a pose in the base, from the frame that it names."""
@@ -227,13 +223,11 @@ class _Reader:
         return np.asarray(self._read_frame(data["frame"], f"{key}.frame", seen) @ pose if "frame" in data else pose)
 
     def _read_frame(self, name: Any, key: str, seen: tuple[str, ...] = ()) -> Array:
-        frames = self.data.get("frames", {})
-        if not isinstance(frames, Mapping) or not isinstance(name, str) or name not in frames:
-            raise _unknown(key, name, frames)
+        found = _look_up(key, name, self.data.get("frames", {}))
         if name in seen:
             raise InvalidInput(key, f"the cycle {' -> '.join((*seen, name))}", "a frame that does not refer to itself")
         here, self.where = self.where, ""  # a mistake in it is the frame's, not the part's
-        pose = self._read_pose(frames[name], f"frames.{name}", (*seen, name))
+        pose = self._read_pose(found, f"frames.{name}", (*seen, name))
         self.where = here
         return pose
 
@@ -353,11 +347,9 @@ class _Reader:
         tables = {"polyline", "spline"}
         named = {other["name"]: i for i, other in enumerate(rows)
                  if isinstance(other, Mapping) and isinstance(other.get("name"), str) and tables & set(other)}  # fmt: skip
-        name = row["start_of"]
-        if not isinstance(name, str) or name not in named:
-            raise _unknown("start_of", name, named, "the name of a part with a table")
-        here, other = self.where, rows[named[name]]
-        self._enter("part", named[name], other)  # a mistake in it is that part's
+        i = _look_up("start_of", row["start_of"], named, "the name of a part with a table")
+        here, other = self.where, rows[i]
+        self._enter("part", i, other)  # a mistake in it is that part's
         path = self._read_table(robot, "polyline" if "polyline" in other else "spline", other, pose)
         self.where = here
         offset = read_vector(row.get("offset_mm", [0.0, 0.0, 0.0]), "offset_mm") * 1e-3
@@ -427,12 +419,14 @@ class _Reader:
             raise InvalidInput(key, f"{value!r}", f"at least {least:.3g} mm along part {which!r}")
 
 
-def _unknown(key: str, name: Any, known: Any, what: str = "") -> InvalidInput:
-    """Return the error of a name that a file does not have."""
+def _look_up(key: str, name: Any, known: Any, what: str = "") -> Any:
+    """Return what a file has under a name; raise InvalidInput, which states the nearest name, if it has nothing."""
     names = list(known) if isinstance(known, Mapping) else []
+    if isinstance(name, str) and name in names:
+        return known[name]
     near = find_nearest_name(str(name), names)
     expected = f"{what or 'one of'}: {', '.join(names) or 'none in the file'}"
-    return InvalidInput(key, repr(name)[:60], expected, advice=f"did you mean {near}?" if near else "")
+    raise InvalidInput(key, repr(name)[:60], expected, advice=f"did you mean {near}?" if near else "")
 
 
 def _end_of(part: Part, robot: Robot, pose: Array | None) -> Array | None:

@@ -42,9 +42,8 @@ def plan_program(
     q = None if q_start is None else check_start(robot, q_start, "q_start")
     for name in TOOL_SPEEDS:
         if np.ndim(options.limits.value(name)):
-            raise InvalidInput(
-                f"limits.{name}", "more than one number", f"one number: a part has its own (Part.{name})"
-            )
+            expected = f"one number: a part has its own (Part.{name})"
+            raise InvalidInput(f"limits.{name}", "more than one number", expected)
     started, planner = perf_counter(), ProgramPlanner(PartFollower(robot, program, alone, options))
     legs, failed = planner.follower.follow_all(q)
     found = planner.fail(failed, legs) if failed is not None else planner.plan_sections(legs)
@@ -106,9 +105,8 @@ class ProgramPlanner:
                     name = self.program.parts[leg.part].name
                     alone = len(chosen) == 1  # a plan chooses the shape of a part alone
                     joints = None if alone or isinstance(leg.path, EXACT) else leg.joint_path
-                    parts.append(
-                        PartRecord(name, plan.path if alone else leg.path, len(sections), at + a, at + b, joints)
-                    )
+                    path = plan.path if alone else leg.path
+                    parts.append(PartRecord(name, path, len(sections), at + a, at + b, joints))
                 corners += [replace(c, part=chosen[c.part].part, begin=c.begin + at, end=c.end + at) for c in own]
                 sections.append(plan)
                 at += plan.path.end
@@ -145,9 +143,8 @@ class ProgramPlanner:
             for a, b in itertools.pairwise(ends):
                 own = range(a + 1, b + 1)
                 inside = [(made[i][0], reasons[i] or made[i][1]) for i in own[:-1]]
-                plan, places, corners = self._plan_section(
-                    [legs[i] for i in own], [sharp[i] for i in own] if n > 1 else [], inside
-                )
+                chosen, edges = [legs[i] for i in own], [sharp[i] for i in own] if n > 1 else []
+                plan, places, corners = self._plan_section(chosen, edges, inside)
                 for i, corner in zip(own, corners, strict=False):
                     corners[i - a - 1] = replace(corner, zone=tuple(zones[i].tolist()))
                 if not plan:
@@ -162,7 +159,7 @@ class ProgramPlanner:
                 if b < n - 1:
                     why = reasons[b] or made[b][1]
                     corners.append(Corner(b - a - 1, tuple(zones[b].tolist()), (0.0, 0.0), places[-1], places[-1], why))
-                out.append((plan, places, corners, [legs[i] for i in own]))
+                out.append((plan, places, corners, chosen))
             if again < 0:
                 yield from out
                 return
@@ -179,11 +176,10 @@ class ProgramPlanner:
         """Return the plan of a section, the places of its parts, and its corners."""
         first = legs[0]
         if len(legs) == 1:
-            part = self.program.parts[first.part]
             plan = first.plan
             if plan is None:
-                limits, tolerance = self.follower.find_limits(part), self.options.tolerance
-                plan = self.follower.plan_alone(first.robot, first.path, first.ends[0], limits, tolerance=tolerance)
+                limits, whole = self.follower.find_limits(self.program.parts[first.part]), self.options.tolerance
+                plan = self.follower.plan_alone(first.robot, first.path, first.ends[0], limits, tolerance=whole)
             return plan, np.array([0.0, first.path.end]), []
         path, places = join_parts(first.robot, sharp, [zone for zone, _ in zones])
         corners = [
@@ -192,13 +188,11 @@ class ProgramPlanner:
         ]
         limits = limits_of_parts(self._whole_limits(legs), 0, len(legs))
         half = self.options.tolerance.scale(0.5)
-        plan = self.follower.plan_alone(first.robot, path, None, limits, tolerance=half)
-        return plan, places, corners
+        return self.follower.plan_alone(first.robot, path, None, limits, tolerance=half), places, corners
 
     def _waits(self, parts: Sequence[PartRecord]) -> list[float]:
         """Return the waits [s] before the first section and after each."""
-        waits, section = [0.0] * (parts[-1].section + 2), -1
-        done = 0
+        waits, section, done = [0.0] * (parts[-1].section + 2), -1, 0
         for item in self.program.items:
             if isinstance(item, Part):
                 section, done = parts[done].section, done + 1
@@ -227,9 +221,8 @@ def slow_sections(found: ProgramPlan, duration: float) -> ProgramPlan:
     sections = []
     for section in found.sections:
         if section.speed is not None:
-            raise InvalidInput(
-                "duration", f"{duration:g} s, with a constant tool speed", "none: the speed determines it"
-            )
+            got = f"{duration:g} s, with a constant tool speed"
+            raise InvalidInput("duration", got, "none: the speed determines it")
         slower = replace(section.motion, trajectory=section.trajectory.slowed(factor))
         proof = slower.certify(rate=section.certificate.rate)
         sections.append(replace(section, _trajectory=slower.trajectory, _certificate=proof))

@@ -213,14 +213,12 @@ class ProgramPlan(Plan):
         self._require_motion()
         assert isinstance(self.path, ProgramPath)
         each = [section.joint_path for section in self.sections]
-        knots = np.concatenate(
-            [[0.0], *(a + own.nodes[1:] for a, own in zip(self.path.starts[:-1], each, strict=True))]
-        )
+        nodes = [a + own.nodes[1:] for a, own in zip(self.path.starts[:-1], each, strict=True)]
+        knots = np.concatenate([[0.0], *nodes])
         joined = object.__new__(JointPath)
         joined.robot, joined.path, joined.knots, joined.nodes = self.robot, self.path, knots, knots
-        joined._set_polynomial(
-            scipy.interpolate.PPoly(np.concatenate([own.coefficients for own in each], axis=1), knots)
-        )
+        c = np.concatenate([own.coefficients for own in each], axis=1)
+        joined._set_polynomial(scipy.interpolate.PPoly(c, knots))
         return joined
 
     def to_dict(self) -> dict[str, Any]:
@@ -230,11 +228,7 @@ class ProgramPlan(Plan):
             out["part"] = self.failure.part
         keys = "name", "section", "begin", "end", "deviation"
         parts = [{key: getattr(part, key) for key in keys} | {"path": part.path.to_dict()} for part in self.parts]
-        return out | {
-            "waits": list(self.waits),
-            "parts": parts,
-            "corners": [asdict(corner) for corner in self.corners],
-        }
+        return out | {"waits": list(self.waits), "parts": parts, "corners": [asdict(corner) for corner in self.corners]}
 
 
 def join_sections(sections: Sequence[Plan], waits: Sequence[float]) -> tuple[Trajectory, list[float]]:
@@ -260,9 +254,8 @@ def build_plan(
     path = ProgramPath([section.path for section in sections], [section.robot for section in sections])
     moving = [sections[i] for i in which]
     ended = moving[-1].span is None or moving[-1].span[1] >= moving[-1].path.end
-    trajectory, begins = join_sections(
-        moving, [lead, *(waits[i + 1] for i in which[:-1]), waits[which[-1] + 1] if ended else 0.0]
-    )
+    after = [waits[i + 1] if i < which[-1] or ended else 0.0 for i in which]
+    trajectory, begins = join_sections(moving, [lead, *after])
     proof = merge_certificates(path, which, trajectory, [p.certificate for p in moving], begins, limits)
     seconds = reduce(_add_seconds, [section.seconds for section in moving])
     status, failure = judge_certificate(proof)

@@ -80,10 +80,8 @@ def slow_to(plan: P, rms_torque: ArrayLike | None, cycle: float | None, *stoppin
     least = np.min(found, axis=0)
     texts = f"a stopping time of {least[0]:.6g} s", f"a stopping distance of {least[1]:.6g} {plan.path.unit}"
     words = [text for text, limit in zip(texts, limits, strict=True) if limit < np.inf]
-    raise NoSolution(
-        f"slowed by up to {first * FACTORS[-1]:.3g}, the motion reached {' and '.join(words)} at least",
-        advice="higher limits on stopping, or higher accelerations and jerks",
-    )
+    reason = f"slowed by up to {first * FACTORS[-1]:.3g}, the motion reached {' and '.join(words)} at least"
+    raise NoSolution(reason, advice="higher limits on stopping, or higher accelerations and jerks")
 
 
 def _check(plan: Plan, rms_torque: ArrayLike | None, cycle: float | None, *stopping: float | None) -> Array | None:
@@ -91,9 +89,8 @@ def _check(plan: Plan, rms_torque: ArrayLike | None, cycle: float | None, *stopp
     if not plan:
         raise InvalidInput("plan", str(plan.status), "a plan with a valid motion")
     if plan.speed is not None or ", quiet " in plan.law or plan.start_error is not None or plan.span is not None:
-        raise InvalidInput(
-            "plan", f"a motion of {plan.law}", "one from rest to rest whose law fixes no speed and no frequency"
-        )
+        expected = "one from rest to rest whose law fixes no speed and no frequency"
+        raise InvalidInput("plan", f"a motion of {plan.law}", expected)
     for name, value in zip(("cycle", "stopping_time", "stopping_distance"), (cycle, *stopping), strict=True):
         if value is not None:
             check_number(value, name, f"a {name.replace('_', ' ')} above 0", above=0.0)
@@ -102,9 +99,8 @@ def _check(plan: Plan, rms_torque: ArrayLike | None, cycle: float | None, *stopp
             raise InvalidInput("rms_torque", "None", "limits, or a stopping_time or a stopping_distance")
         return None
     if plan.robot.inertia is None:
-        raise InvalidInput(
-            "rms_torque", f"limits for {plan.robot.name}, whose masses are unknown", "an arm with masses"
-        )
+        got = f"limits for {plan.robot.name}, whose masses are unknown"
+        raise InvalidInput("rms_torque", got, "an arm with masses")
     if cycle is not None and cycle < plan.duration:
         raise InvalidInput("cycle", f"{cycle:.6g} s", f"at least the duration of {plan.duration:.6g} s")
     return check_positive(rms_torque, plan.robot.n, "rms_torque")

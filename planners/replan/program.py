@@ -36,13 +36,11 @@ def replan_program(
     """Return the motion of a program from a moving state; `one` replans a section, `changed` are the given arguments."""
     measured, motion, path = isinstance(state, tuple | list), running.trajectory, running.path
     assert isinstance(path, ProgramPath)
-    t = (
-        find_nearest_time(motion, check_measured(running, state))
-        if measured
-        else check_number(state, "state", "a time [s]", least=0.0)
-    )
     times = running.times
-    t = _begin_of_wait(times, t) if measured else t
+    if measured:
+        t = _begin_of_wait(times, find_nearest_time(motion, check_measured(running, state)))
+    else:
+        t = check_number(state, "state", "a time [s]", least=0.0)
     k = max(int(np.searchsorted([each.begin for each in times], t, side="right")) - 1, 0)
     if measured and np.abs(motion(t) - state[0]).max() > OFF_MOTION:  # at rest, where the motion does not stop
         k, t = _find_nearest_section(running, np.asarray(state[0]))
@@ -60,9 +58,8 @@ def replan_program(
         _refuse_end(t, times[k])
     if waiting or (whole and onward and t >= times[k].rest - BEFORE_END):
         if stop:
-            raise InvalidInput(
-                "state", f"a state at rest, at t = {t:.6g} s", "a moving state; this one has already stopped"
-            )
+            got = f"a state at rest, at t = {t:.6g} s"
+            raise InvalidInput("state", got, "a moving state; this one has already stopped")
         covered = onward
     else:
         given = {key: own for key, own in conditions[i].items() if changed[key] is not None}

@@ -109,15 +109,13 @@ def read_points(message: Any, names: list[str], ignore: Collection[str] = ()) ->
             raise InvalidInput(f"points[{i}].{field}", "none", f"{count} numbers, in all points or in none")
         read = [read_floats(p.get(field), f"points[{i}].{field}", count) for i, p in enumerate(points)]
         values.append(np.array(read)[:, order])
-    if times is not None:
-        seconds = [read_time(x, clock) / NANOSECONDS if isinstance(x, dict) else x for x in times]
-        t = read_floats(seconds, clock, len(points))
-        assumed = ("s", *RATES)[any(isinstance(x, dict) for x in times) :]
-        return MessagePoints(t - t[0], float(t[0]), values, clock != "times", f"{clock}[{{}}]".format, [], assumed)
-    since = [p.get("time_from_start", {}) for p in points]
-    ns = np.array([read_time(x, f"points[{i}].time_from_start") for i, x in enumerate(since)])
-    t = (ns - ns[0]) / NANOSECONDS
-    return MessagePoints(t, ns[0] / NANOSECONDS, values, True, "points[{}].time_from_start".format, [])
+    since = [p.get(clock, {}) for p in points] if times is None else times
+    locate, from_start = (f"points[{{}}].{clock}" if times is None else f"{clock}[{{}}]").format, clock != "times"
+    if times is not None and not any(isinstance(x, dict) for x in times):
+        t = read_floats(times, clock, len(points))
+        return MessagePoints(t - t[0], float(t[0]), values, from_start, locate, [], ("s", *RATES))
+    ns = np.array([read_time(x, locate(i)) for i, x in enumerate(since)])
+    return MessagePoints((ns - ns[0]) / NANOSECONDS, ns[0] / NANOSECONDS, values, from_start, locate, [])
 
 
 def order_joints(found: Any, names: list[str], ignore: Collection[str]) -> list[int]:
@@ -145,9 +143,7 @@ def to_text(message: dict[str, Any], suffix: str, remarks: list[str]) -> str:
 
 def from_text(text: str, suffix: str) -> Any:
     """Return the plain data of JSON or YAML."""
-    if suffix == ".json":
-        return parse_json(text, "content")
-    return parse_yaml(text, "content")
+    return (parse_json if suffix == ".json" else parse_yaml)(text, "content")
 
 
 def _to_yaml(message: dict[str, Any], remarks: list[str]) -> str:

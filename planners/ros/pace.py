@@ -100,10 +100,9 @@ def _check_slowing(motion: Motion, needed: float, strict: bool) -> None:
         raise NoSolution(reason, advice=f"pass strict=False, which slows it; or {ADVICE}")
     if motion.speed is not None and needed > 1.0 + SAME_SPEED:
         unit = "rad/s" if motion.path.turns_only else "m/s"
-        raise NoSolution(
-            f"{reason}, with a tool speed of {motion.speed / needed:.6g} {unit} instead of {motion.speed:.6g} {unit}",
-            advice="use quintic interpolation, or pass keep_speed=False, which slows it",
-        )
+        left = f"with a tool speed of {motion.speed / needed:.6g} {unit} instead of {motion.speed:.6g} {unit}"
+        advice = "use quintic interpolation, or pass keep_speed=False, which slows it"
+        raise NoSolution(f"{reason}, {left}", advice=advice)
     if not at_rest(motion.trajectory)[0]:
         raise NoSolution(f"{reason}, but it starts in motion and cannot be slowed", advice=ADVICE)
 

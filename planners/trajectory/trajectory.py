@@ -351,9 +351,8 @@ def make_rest(q: Array, duration: float, s: float | None = None) -> Trajectory:
     """Return a motion that stays at a configuration (n,), at a path parameter if it has one, for a duration [s]."""
     still = np.zeros((6, 1, q.size))
     still[5] = q
-    return Trajectory(
-        scipy.interpolate.PPoly(still, np.array([0.0, duration])), None if s is None else np.array([s, s])
-    )
+    places = None if s is None else np.array([s, s])
+    return Trajectory(scipy.interpolate.PPoly(still, np.array([0.0, duration])), places)
 
 
 def append_rest(trajectory: Trajectory, duration: float) -> Trajectory:

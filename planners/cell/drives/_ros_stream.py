@@ -24,9 +24,8 @@ SHORTEST_STEP = 1000
 def follow_by_goals(joints: JointStates, options: RosOptions, columns: dict[str, int], stream: Stream) -> StreamRecord:
     """Send each motion of a stream before it begins; take no more targets if one is refused or the connection is lost."""
     if stream.budget < options.latency:
-        raise InvalidInput(
-            "budget", f"{stream.budget:g} s", f"at least the latency of the drive, {options.latency:g} s"
-        )
+        expected = f"at least the latency of the drive, {options.latency:g} s"
+        raise InvalidInput("budget", f"{stream.budget:g} s", expected)
     if not stream.realtime:
         raise InvalidInput("realtime", False, "True: the controller has its own clock")
     reason, advice = joints.wait_for_rest(options.patience)

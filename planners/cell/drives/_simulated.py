@@ -169,9 +169,8 @@ class SimulatedDrive(Drive):
         for now in iter(stream.advance, None):
             pair = (np.stack(two) for two in zip(before[1:4], now[1:4], strict=True))
             periods = round((now.t - before.t) / self.period)  # more than one if the loop missed a tick
-            step = interpolate(
-                Setpoints(now.t - before.t, np.zeros(2), *pair), 0, self.steps * periods, self.options.hold
-            )
+            both = Setpoints(now.t - before.t, np.zeros(2), *pair)
+            step = interpolate(both, 0, self.steps * periods, self.options.hold)
             for k in range(0, self.steps * periods, self.steps):
                 self._advance(Commands(*(x[k : k + self.steps + 1] for x in step)), self._find_blocked())
             rows.append((now.t, now.q, self.measure()))

@@ -141,10 +141,8 @@ def resume_execution(drive: Drive, execution: Execution, near: Array, options: d
         there = refuse(drive, execution.plan, "", "")
         return replace(there, status=ExecutionStatus.DONE, notes=("the arm was already at the goal",))
     stop = relax(execution.stop_plan, options["allow"])
-    onward = fill_period(
-        replan(stop, stop.trajectory.end, limits=find_stop_limits(running)[0], timing="optimal"), drive.period
-    )
-    onward = replace(onward, scene=execution.plan.scene)
+    onward = replan(stop, stop.trajectory.end, limits=find_stop_limits(running)[0], timing="optimal")
+    onward = replace(fill_period(onward, drive.period), scene=execution.plan.scene)
     return replace(drive.execute(onward, **options), before=before)
 
 
@@ -153,9 +151,8 @@ def check_stopped(execution: Execution) -> None:
     if not isinstance(execution, Execution):
         raise InvalidInput("execution", repr(execution)[:60], "an Execution")
     if execution.status not in (ExecutionStatus.STOPPED, ExecutionStatus.FAULT) or execution.motion is None:
-        raise InvalidInput(
-            "execution", f"one with status {execution.status}", "one that was stopped on request or by a fault"
-        )
+        got = f"one with status {execution.status}"
+        raise InvalidInput("execution", got, "one that was stopped on request or by a fault")
 
 
 def plan_way_back(running: Plan, measured: Array, rest: Array) -> Plan:

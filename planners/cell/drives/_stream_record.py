@@ -43,7 +43,6 @@ class StreamRecord(NamedTuple):
 def make_record(rows: list[tuple[float, Array, Array]], stream: Stream, fault: str) -> StreamRecord:
     """Return the record of times, set-points and measured positions; a fault of the arm goes before one of the source."""
     t, setpoints, q = (np.array(x) for x in zip(*rows, strict=True))
-    error = stream.error
-    return StreamRecord(
-        t, setpoints, q, stream.report(), fault or (f"{type(error).__name__}: {error}" if error else "")
-    )
+    if not fault and (error := stream.error):
+        fault = f"{type(error).__name__}: {error}"
+    return StreamRecord(t, setpoints, q, stream.report(), fault)
