@@ -85,7 +85,7 @@ def test_targets_are_tracked_within_the_limits_from_any_state(speed: float, jerk
     state = np.stack([rng.normal(size=3), speed * rng.normal(size=3), jerk * rng.uniform(0.3, 0.6, 3)])
     when = np.arange(0.0, 1.2, 0.02)
     target = state[0] + 0.25 * np.sin(1.2 * when[:, None] * [1.0, 0.5, -0.8]) ** 2
-    failed, knots, count, c = track(state, box(9.0), when, target, 0.04)
+    failed, _, knots, count, c = track(state, box(9.0), when, target, 0.04, 10**6)
     assert failed < 0
     curve = JointCubics(knots, count, c)
     proof = certify(curve, state, LIMITS, bare(3, 9.0))
@@ -110,7 +110,7 @@ def test_states_on_a_limit_are_left_within_the_limits(case: str, side: float) ->
     state = np.tile(np.array(states[case])[:, None], (1, 3)) * [1.0, 1.0, 0.0] + np.zeros((3, 3))
     when = np.arange(0.0, 1.0, 0.02)
     target = state[0] + 0.05 * side * when[:, None]
-    failed, knots, count, c = track(state, box(9.0), when, target, 0.04)
+    failed, _, knots, count, c = track(state, box(9.0), when, target, 0.04, 10**6)
     assert failed < 0
     found = certify(JointCubics(knots, count, c), state, LIMITS, bare(3, 9.0))
     assert found.is_valid or case == "beyond rounding", found.reasons
