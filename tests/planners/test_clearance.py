@@ -377,6 +377,7 @@ def test_a_margin_is_a_distance(margin: Any) -> None:
 
 
 # ---------------------------------------------------------------- motions of others
+@pytest.mark.filterwarnings("ignore:.*no units in the header:optik.errors.AssumptionWarning")
 def test_setpoints_of_others_are_certified_without_a_path(tmp_path: Any) -> None:
     made, robot = solved(), panda()
     motion = made.trajectory
