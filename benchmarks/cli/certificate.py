@@ -154,7 +154,7 @@ def print_choice(plan: Any) -> None:
     chosen, search = plan.freedom, plan.search
     _print_corners(plan)
     if plan.resolution is not None:
-        out_console.print(str(plan.resolution).strip(), soft_wrap=True)
+        out_console.print(translate(str(plan.resolution)).strip(), soft_wrap=True)
     if search is not None:
         words = f"{format_count(search.rounds, 'round')} of path and timing"
         if not isinstance(plan.path, FreePath):  # which is not searched

@@ -86,7 +86,7 @@ class CertifyCommand(LimitsCommand, SceneCommand, TableCommand):
     )
     interpolation: str | None = option("Path", "Interpolation: linear, cubic, quintic, or spline (through positions).")
     unit: str | None = option(
-        "Path", "Units that the header of FILE does not state: s, ms, us, ns; rad, deg; m, mm; as in ms,deg."
+        "Path", "Units that FILE does not state, such as ms,deg: of s, ms, us, ns; rad, deg; m, mm."
     )
     html: Path | None = option("Output", "Also write a page with the motion and its plots, FILE.html.")
 

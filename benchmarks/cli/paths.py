@@ -69,7 +69,7 @@ class ToolPathCommand(PlanCommand):
         "Path", "With --free: coefficients of each coordinate; by default 3 for each segment, but 8 to 32."
     )
     resolve: str = option("Method", RESOLVE_HELP, "auto")
-    time_limit: float | None = option("Method", "Computing time of --resolve auto [s], beside its budget of work.")
+    time_limit: float | None = option("Method", "Largest computing time of --resolve auto [s]; by default unlimited.")
     reconfigurations: int = option("Method", RECONFIGURATIONS_HELP, 0)
 
     def resolution(self) -> dict[str, Any]:

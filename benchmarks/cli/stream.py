@@ -73,7 +73,8 @@ class StreamCommand(LimitsCommand, TableCommand):
                 }
             )
         else:
-            out_console.print(f"{len(chunks)} chunks on {self.on}, {done.t[-1]:.3g} s\n{done.report}", highlight=False)
+            report = str(done.report).replace("tolerance=", "--tolerance ")
+            out_console.print(f"{len(chunks)} chunks on {self.on}, {done.t[-1]:.3g} s\n{report}", highlight=False)
             out_console.print(f"largest distance from the set-points: {1e3 * done.error.max():.3g} mrad (or mm)")
             if done.fault:
                 out_console.print(f"stopped: {done.fault}", style="red")

@@ -248,9 +248,12 @@ def _check_ranges(robot: str, joints: list[Joint], lower: Array, upper: Array) -
         where, soft = f"joint {joint.name!r}", joint.element.get("safety_controller", {})
         texts = (soft.get(f"soft_{side}_limit", "0") for side in ("lower", "upper"))
         a, b = (read_number(robot, where, text, "soft limit") for text in texts)
-        narrower += [f"{joint.name!r} [{a:g}, {b:g}]"] if a < b and (a > low or b < high) else []
+        unit = "m" if joint.kind == "prismatic" else "rad"
+        narrower += [f"{joint.name!r} [{a:g}, {b:g}] {unit}"] if a < b and (a > low or b < high) else []
     if narrower:
-        problem = f"the soft limits of <safety_controller> are not the ranges: {join_names(narrower)}; with_limits sets others"
+        problem = (
+            f"narrower soft limits of <safety_controller> are not used: {join_names(narrower)}; with_limits sets them"
+        )
         warnings.warn(RobotModelWarning(robot, problem), stacklevel=5)
     turns = [joint.kind != "prismatic" for joint in joints]
     warn_of_degrees(robot, [joint.name for joint in joints], (lower, upper), turns, stacklevel=6)

@@ -81,7 +81,7 @@ def find_pairs(robot: Robot, scene: Scene) -> Pairs:
 
 
 def scene_for(robot: Robot, scene: Scene | None, arms: Iterable[Robot]) -> Scene | None:
-    """Return the scene for one of several arms: pairs in ``allow`` of a part that only another arm has are left out."""
+    """Return the scene for one of several arms, without the allowed pairs of links that only another arm has."""
     if scene is None:
         return None
     own, *others = ({*arm.link_names, *(arm.shapes.names if arm.shapes else ())} for arm in (robot, *arms))

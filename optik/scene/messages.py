@@ -24,10 +24,10 @@ POINT_DEFAULTS, ROTATION_DEFAULTS = {"x": 0.0, "y": 0.0, "z": 0.0}, {"x": 0.0, "
 
 
 def find_mappings(data: Any) -> Iterator[dict[str, Any]]:
-    """Yield the mappings of plain data at any depth, the outermost first."""
+    """Yield all mappings in nested plain data, the outermost first."""
     todo, seen = [data], set[int]()
-    for value in todo:  # grows while it is read
-        if isinstance(value, dict | list) and id(value) not in seen:  # YAML's aliases repeat parts
+    for value in todo:  # the list grows during the loop
+        if isinstance(value, dict | list) and id(value) not in seen:  # YAML aliases can repeat a mapping
             seen.add(id(value))
             todo += value.values() if isinstance(value, dict) else value
             if isinstance(value, dict):

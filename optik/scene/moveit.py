@@ -28,7 +28,7 @@ PRIMITIVES = {1: "box", 2: "sphere", 3: "cylinder"}
 DIMENSIONS = {"box": 3, "sphere": 1, "cylinder": 2}
 """Number of dimensions of each type: edges; radius; height and radius."""
 ADD, REMOVE = (None, 0, "add", "\0", b"\0"), (1, "remove", "\1", b"\1")
-"""Operations of an object: numbers, words in small letters, and bytes as ROS 2 prints them."""
+"""Operations of an object: numbers, lower-case words, and bytes as ROS 2 prints them."""
 PLANNING_SCENE_KEYS = (
     "name", "robot_state", "robot_model_name", "fixed_frame_transforms", "allowed_collision_matrix", "link_padding",
     "link_scale", "object_colors", "is_diff",
@@ -68,10 +68,10 @@ def scene_from_moveit(text: str, suffix: str = ".yaml") -> dict[str, Any]:
         name = read_word(read_record(one, ("id",), where, optional=OBJECT_KEYS)["id"], f"{where}.id")
         operation = one.get("operation")
         operation = operation.lower() if isinstance(operation, str) else operation
-        if operation in REMOVE:  # an empty id is every object
+        if operation in REMOVE:  # an empty id means every object
             parts = [part for part in parts if name and part[1] != name]
             known = {other: place for other, place in known.items() if name and other != name}
-            notes.append(f"REMOVE: {name or 'every object'} before {where} is left out")
+            notes.append(f"REMOVE in {where} removes {repr(name) if name else 'every object'} before it")
             continue
         if known.setdefault(name, where) != where:
             raise InvalidInput(f"{where}.id", repr(name)[:60], f"an id that differs from that of {known[name]}")
@@ -93,7 +93,7 @@ def scene_from_moveit(text: str, suffix: str = ".yaml") -> dict[str, Any]:
 
 
 def _find_scene(data: Any) -> Any:
-    """Return the first scene at any depth of a message, or one of its objects."""
+    """Return the first scene at any depth of a message, or a scene of a single object."""
     for one in find_mappings(data):
         if "world" in one:
             return one

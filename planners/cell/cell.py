@@ -270,7 +270,7 @@ class Cell:
         most_replans : int
             Largest number of new lines to a moving spot.
         look : callable, optional
-            Returns a reading of the real tool for corrections; by default the simulated unit reads it.
+            Returns one reading of the real tool for corrections, or arrays of several; by default the simulated unit reads it.
         stop, watch : optional
             As for `Drive.execute`.
 
@@ -342,7 +342,7 @@ class Cell:
         if corrections and functions["look"] is None and not self.drive.simulated:
             raise InvalidInput("look", "nothing, on a real drive", "a function that reads the tool, for corrections")
         if readings > 1 and functions["look"] is not None:
-            raise InvalidInput("readings", f"{readings}, with look", "1: look may return arrays of several readings")
+            raise InvalidInput("readings", f"{readings}, with look", "1: look itself may return several readings")
 
     def open(self, width: float | None = None) -> Outcome:
         """Open the gripper and release the held object.

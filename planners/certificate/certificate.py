@@ -59,7 +59,7 @@ class Certificate:
     extra : mapping of str to Extreme or ToolExtreme
         Peak values of further kinds of limits, by name (``MotionLimits(extra=...)``).
     exempt : mapping of str to tuple of int
-        Sections of a program, from 0, in which a limit on goods does not apply because nothing is carried, by its name.
+        Sections without a payload, counted from 0, by the name of the limit on a payload that does not apply there.
     energy : Energy or None
         Mechanical energy and largest power found; None if neither the torque nor its rate is limited.
     friction_steps : tuple of FrictionStep
@@ -314,10 +314,11 @@ def limit_bars(proof: Certificate) -> list[Bar]:
 
 
 def describe_scope(proof: Certificate, name: str) -> str:
-    """Return words if a limit is not enforced, and for the sections in which it does not apply, counted from 1."""
-    sections = ", ".join(str(i + 1) for i in proof.exempt.get(name, ()))
+    """Return a text that says whether a limit is not enforced, and in which sections, from 1, it does not apply."""
+    exempt = proof.exempt.get(name, ())
+    sections = f"{'sections' if len(exempt) > 1 else 'section'} {', '.join(str(i + 1) for i in exempt)}"
     enforced = "" if name in proof.enforced else ", not enforced"
-    return enforced + (f", not in sections {sections}, where nothing is carried" if sections else "")
+    return enforced + (f", not applied in {sections} (no payload)" if exempt else "")
 
 
 def _limit_lines(proof: Certificate) -> list[str]:

@@ -221,7 +221,7 @@ def _check_kinds(robot: Robot, path: Path | None, trajectory: Trajectory, limits
     if path is not None:
         check_path(limits, path)
     bounds = limits.bounds(robot.n)
-    for name in () if isinstance(path, ProgramPath) else limits.extra or ():  # whose sections have arms of their own
+    for name in () if isinstance(path, ProgramPath) else limits.extra or ():  # each section has its own arm
         kind_of(name).check_robot(robot, bounds[name])
     return limits
 

@@ -90,7 +90,7 @@ def _search(tool: Array, edges: Array, allowed: Array, rotation: bool = False) -
     def fails(factor: float) -> int:
         return int(_follow(tool, edges, (np.where(scale > 0.0, factor, 1.0) * allowed) ** 2))
 
-    low, high, worst = 0.0, 1.0, min(fails(0.0), len(tool) - 1)  # an arm that only slides may never fail
+    low, high, worst = 0.0, 1.0, min(fails(0.0), len(tool) - 1)  # an arm with prismatic joints only may never fail
     while (at := fails(high)) < len(tool) and high < 1e12:
         low, high, worst = high, 4.0 * high, at
     while high - low > GAP * high and high > GAP:

@@ -52,7 +52,7 @@ Conditions = tuple[MotionLimits, Scene | None]
 
 
 def conditions_for(robot: Robot, arms: Sequence[Robot], limits: MotionLimits, scene: Scene | None) -> Conditions:
-    """Return limits and scene for one arm of a program: none on goods where nothing is carried, if another arm carries some."""
+    """Return limits and scene for one arm of a program, without limits on a payload if only other arms carry one."""
     kept = tuple(name for name in limits.names if not kind_of(name).on_goods)
     if kept != limits.names and robot.payload is None and any(arm.payload is not None for arm in arms):
         limits = limits.select(kept)
@@ -121,7 +121,7 @@ def merge_certificates(
     path: ProgramPath, which: range, trajectory: Trajectory, proofs: Sequence[Certificate], begins: Sequence[float],
     limits: MotionLimits,
 ) -> Certificate:  # fmt: skip
-    """Return the certificate of a motion from those of these sections, which begin at these times; limits of the whole."""
+    """Return the certificate of a motion from those of its sections `which`; `limits` are those of the whole motion."""
     robot, starts = path.robots[0], path.starts[which]
     first, motion = proofs[0], MotionAnalysis(robot, trajectory)
     tolerances = [proof.tolerance for proof in proofs if proof.tolerance is not None]

@@ -96,7 +96,7 @@ class Limit(ABC):
     homogeneous : bool
         Whether the whole value scales with time; False for the torque, which includes gravity.
     on_goods : bool
-        Whether it limits what the arm carries: in a program with payloads it does not apply where nothing is carried.
+        Whether it is a limit on the payload: in a program with payloads it applies only in sections with a payload.
     """
 
     name: ClassVar[str]

@@ -117,11 +117,12 @@ class VelocityByPositionLimit(RecordLimit):
         k, i = (int(x) for x in np.argwhere(blocked)[0])
         gap, up = bound.offset[i] ** 2 / (2.0 * bound.deceleration[i]), bool(q1[k, i] > 0.0)
         end = robot.limits.upper[i] if up else robot.limits.lower[i]
-        nearest = end - gap if up else end + gap
+        unit = "m" if robot.prismatic[i] else "rad"
+        allowed = f"{'below' if up else 'above'} {end - gap if up else end + gap:.6g} {unit}"
         raise NoSolution(
-            f"{robot.joint_names[i]} moves at {q[k, i]:.6g} to the {'upper' if up else 'lower'} end {end:.6g} of its range, "
-            f"where its velocity limit by position is 0; it is above 0 {'below' if up else 'above'} {nearest:.6g}",
-            s=float(s[k]), joint=robot.joint_names[i], advice=f"an end {'below' if up else 'above'} {nearest:.6g}",
+            f"{robot.joint_names[i]} moves at {q[k, i]:.6g} {unit} towards the {'upper' if up else 'lower'} end of its "
+            f"range, {end:.6g} {unit}; there its velocity limit by position is 0, and above 0 only {allowed}",
+            s=float(s[k]), joint=robot.joint_names[i], advice=f"a path on which {robot.joint_names[i]} stays {allowed}",
         )  # fmt: skip
 
     def scaled(self, value: Any, factor: float) -> Any:

@@ -27,7 +27,7 @@ class Event(NamedTuple):
     s : float or None
         The path parameter of its place [m, or rad]; None for a given time.
     before : float
-        Time by which it is earlier than the motion is at s [s]; negative if it is later.
+        Time [s] by which the event precedes the instant at which the motion is at s; negative if it follows.
     shift : float
         What was added to its time so that it is a whole number of servo periods [s].
     """

@@ -32,7 +32,7 @@ IN_RANGE = 1e-9
 MOST_COEFFICIENTS = 1_000_000
 """Most coefficients of a coordinate."""
 BEGIN_STEPS, NEARLY = 12, 1e-4
-"""Newton steps to the coordinates at a start, and the distance [rad, m] from a range that is rounding there."""
+"""Newton steps for the coordinates at a given start, and the distance outside a range [rad, m] that is rounding there."""
 MOST_GUESSES = 20
 """Most initial guesses of the choice of the coefficients."""
 
@@ -156,7 +156,7 @@ class FreePath(PiecewisePath):
         return self._copy(self.spline.count, coefficients, null_space)
 
     def begin_at(self, pose: Array) -> Self:
-        """Return the path that begins at a pose, or near it, by coordinates inside their ranges.
+        """Return the path that begins at a pose, or as near to it as the ranges of the coordinates allow.
 
         Parameters
         ----------
@@ -401,7 +401,7 @@ def free(
         Coefficients of each coordinate's spline; by default 3 for each segment of the path, but 8 to 32, and at most a third of
         the grid points of the timing. Around obstacles up to 5 times as many are tried where these find no motion.
     hold_start : bool
-        Whether a ``q_start`` of the plan is the start of the motion, with its own turn and tilt; else only a first guess.
+        Whether a ``q_start`` of the plan is the start of the motion, with its own turn and tilt, or an initial guess.
     starts : int
         Initial guesses that are tried if the start is free: that of the given path, and different sequences of configurations
         along the whole path; up to three more with a tilt.

@@ -92,15 +92,15 @@ class PointToPoint(PiecewisePath):
         Configuration at the start [rad, m].
     *points : ViaPoint, (n,) or (4, 4) array
         Via points and, last, the goal. The goal is reached exactly. For poses, the configurations inside the limits are
-        chosen for which the line through all points is the shortest in joint space. Points that repeat the one before are
-        merged with it and listed in ``dropped``, where the start is 0.
+        chosen for which the line through all points is the shortest in joint space. A point that equals the one before
+        is merged with it. ``dropped`` lists the merged points; the start counts as 0.
     usable : callable, optional
         Says which of configurations (k, n) may be chosen for a pose; by default all. If none may, all may.
 
     Raises
     ------
     InvalidInput
-        An invalid arm or point, a configuration outside the limits, only points at the start, a goal with a tolerance.
+        An invalid arm or point, a configuration outside the limits, points that all equal the start, a goal with a tolerance.
     NoSolution
         A pose that no configuration reaches.
     """
@@ -124,7 +124,7 @@ class PointToPoint(PiecewisePath):
         q = choose_configurations(robot, check_start(robot, q_start, "q_start"), [one.target for one in given], usable)
         kept = np.append(0, 1 + np.flatnonzero(np.linalg.norm(np.diff(q, axis=0), axis=1) > SHORTEST_LEG))
         if len(kept) < 2:
-            raise InvalidInput("points", "only the start again", "a point that differs from it in joint space")
+            raise InvalidInput("points", "only points that equal the start", "a point with other joints")
         kept[-1] = len(q) - 1  # the goal is reached exactly
         self.dropped = tuple(np.setdiff1d(np.arange(len(q)), kept).tolist())
         q, given = q[kept], [given[i - 1] for i in kept[1:]]

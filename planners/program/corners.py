@@ -110,10 +110,11 @@ def place_nodes(joints: Callable[[Array], Array], s: Array, least: float) -> tup
 def _round(one: JointCurve, two: JointCurve, half: float, u: Array) -> Array:
     """Return the joints (k, 4, n) of the corner of a half width at u in [0, 1].
 
-    q = p(w (u − ½)) + (q₁ − p)(−w F(1 − u)) + (q₂ − p)(w F(u)), with w = 2h and F = u⁴ (2.5 − 3u + u²): both motions are
-    superposed, but for what both curves do. The first one slows down from 1 to 0 as the second one begins, with
-    f = F' = 10u³ − 15u⁴ + 6u⁵, so that all derivatives up to the third are continuous at both ends. p is a cubic whose second
-    and third derivatives are the lesser ones of both curves there, and 0 where signs differ: a curve that goes on stays.
+    q = p(w (u − ½)) + (q₁ − p)(−w F(1 − u)) + (q₂ − p)(w F(u)) − q_c, with w = 2h and F = u⁴ (2.5 − 3u + u²). q₁ and q₂ are the
+    curves as functions of the signed distance from the corner q_c, and their motions are superposed. The common bend p is
+    counted once. The first motion slows down from 1 to 0 as the second one begins, with f = F' = 10u³ − 15u⁴ + 6u⁵, so that all
+    derivatives up to the third are continuous at both ends. p is a cubic. Its second and third derivatives at the corner are
+    the smaller ones of both curves, or 0 where signs differ. So a curve that continues smoothly is not changed.
     """
     w = 2.0 * half
     both = np.stack([one.derivatives[-1, 1:], two.derivatives[0, 1:]])

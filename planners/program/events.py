@@ -48,7 +48,7 @@ class PathEvent:
     fraction : float, optional
         Fraction of the part's length [1], instead of a distance.
     before, after : float
-        Time by which it is earlier than the tool is there [s], for a valve or a gun with a delay; or by which it is later.
+        Time [s] by which the signal precedes the tool at this place, for a valve or a gun with a delay; or follows it.
     """
 
     part: int | str
@@ -227,7 +227,7 @@ def find_time(plan: Plan, joints: JointPath, start: float, s: float, when: Secti
 
 
 def round_to_periods(events: list[Event], period: float | None, end: float) -> tuple[Event, ...]:
-    """Return events in their order in time, each at a whole number of periods, up to the motion's end, if there is one."""
+    """Return events sorted by time; with a period, their times are whole periods, not after the motion's end."""
     if period is not None:
         last = int(end / period * (1.0 + PASSED))
         whole = [period * min(round(event.t / period), last) for event in events]

@@ -391,7 +391,8 @@ class _Reader:
         given = None if kind == "fraction" else self._number(row, kind)
         shifts: dict[str, Any] = {key[:-2]: self._number(row, key) for key in ("before_s", "after_s") if key in row}
         for key in shifts if kind in ("time_s", "spacing_mm") else ():
-            raise InvalidInput(f"{key}_s", f"{row[f'{key}_s']!r} with {kind}", "none, or distance_mm or fraction")
+            expected = f"no {key}_s, or a place by distance_mm or fraction"
+            raise InvalidInput(f"{key}_s", f"{row[f'{key}_s']!r} with {kind}", expected)
         if complete and kind != "time_s":
             self._check_place(row["part"], kind, row[kind])
         part = row["part"] - 1 if type(row.get("part")) is int else row.get("part")
@@ -420,7 +421,7 @@ class _Reader:
 
 
 def _look_up(key: str, name: Any, known: Any, what: str = "") -> Any:
-    """Return what a file has under a name; raise InvalidInput, which states the nearest name, if it has nothing."""
+    """Return the entry with a name; raise InvalidInput with the nearest known name if there is none."""
     names = list(known) if isinstance(known, Mapping) else []
     if isinstance(name, str) and name in names:
         return known[name]

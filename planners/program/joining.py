@@ -21,13 +21,13 @@ from planners.program.corners import Zone, build_zone, find_half_width, place_no
 LENGTH_CHORDS = 16
 """Chords that measure the length of a part in joint space: only a scale of s."""
 STRAIGHT_ON = 0.99
-"""Cosine of the angle in joint space from which a part goes on in the direction of the part before: 8°."""
+"""Cosine of the largest angle in joint space, 8°, with which a part continues in the direction of the part before."""
 BREAK_SPACING = 0.2
 """Longest piece between breaks [rad, m]: a certificate searches a motion among the chords of each piece."""
 NEAREST_BREAK = 0.01
 """Least distance of a break from the next one, as a fraction of the usual one."""
 SHARE, SHARE_OF_SHORT = 0.999, 2.0 / 3.0
-"""Fraction of a part that its zones may cover together, at most, and at least of a part as short as nodes are apart."""
+"""Largest fraction of a part that its zones may cover together, and the fraction for parts as short as the node spacing."""
 NEAR_NODE = 0.02
 """Least distance of a node of a joint-space part from a zone, as a fraction of what is left of the part."""
 
@@ -69,7 +69,7 @@ class Corner:
 def sharpen(robot: Robot, path: Path, joints: JointPath | None, before: Sharp | None = None) -> Sharp:
     """Return a part as a curve of the joints: through the nodes of its joint path, or itself if it is a curve of the joints.
 
-    Where it goes on in the direction of the part before, its length is scaled so that the joints are as fast in s there.
+    If it continues in the direction of the part before, its length is scaled so that |dq/ds| is continuous there.
     """
     own = isinstance(path, JointLine | PointToPoint)
     if own:  # septics between its breaks are the path itself
@@ -117,7 +117,10 @@ def round_corners(
 
 
 def _share(curve: JointCurve) -> float:
-    """Return how much of a part its zones may cover together: in what is left, rounding must not show in third derivatives."""
+    """Return the length of a part that its zones may cover together.
+
+    The remaining length keeps rounding errors of third derivatives small.
+    """
     return max(min(SHARE * curve.end, curve.end - 2.0 * LEAST_SPACING), SHARE_OF_SHORT * curve.end)
 
 

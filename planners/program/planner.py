@@ -117,7 +117,7 @@ class ProgramPlanner:
         return build_plan(sections, self._waits(parts), parts, corners, limits, self.options.scene)
 
     def _split(self, legs: Sequence[Leg]) -> Iterator[list[Leg]]:
-        """Return the parts between two programmed stops that move the arm."""
+        """Yield the parts with a motion between two programmed stops."""
         group: list[Leg] = []
         for leg in legs:
             group += [leg] if leg.path.end > NO_LENGTH else []
@@ -201,7 +201,7 @@ class ProgramPlanner:
         return waits
 
     def _whole_limits(self, legs: Sequence[Leg]) -> MotionLimits:
-        """Return the limits of parts that move, with one bound on the tool's speeds for each if a part has its own."""
+        """Return the limits of the parts with a motion; if a part has its own tool speed, one tool speed for each part."""
         own: dict[str, Any] = {}
         parts = [self.program.parts[leg.part] for leg in legs if leg.path.end > NO_LENGTH]
         for name in TOOL_SPEEDS:

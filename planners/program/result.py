@@ -46,9 +46,9 @@ class PartRecord:
     path : Path
         Its path before corners are rounded.
     section : int
-        The section that it belongs to; −1 before the first one, where there is nothing to do.
+        Index of its section, from 0; −1 for a part without a motion before the first section.
     begin, end : float
-        Its place in the path parameter of the whole program; equal where there is nothing to do.
+        Path parameter of the whole program at its start and end; equal for a part without a motion.
     """
 
     name: str | None
@@ -191,9 +191,15 @@ class ProgramPlan(Plan):
         return f"{words} {stops}{self.describe_idle()}, {self.solver} + {self.law}"
 
     def describe_idle(self) -> str:
-        """Return words for the parts, counted from 1, whose path has a length of 0; nothing if there are none."""
-        idle = ", ".join(str(i + 1) for i, part in enumerate(self.parts) if part.begin == part.end)
-        return f", nothing to do in part {idle}" if idle else ""
+        """Return a text that lists the parts without a motion, counted from 1; empty if there are none.
+
+        Returns
+        -------
+        str
+            Such as ", nothing to do in parts 1, 4".
+        """
+        idle = [str(i + 1) for i, part in enumerate(self.parts) if part.begin == part.end]
+        return f", nothing to do in {'parts' if len(idle) > 1 else 'part'} {', '.join(idle)}" if idle else ""
 
     @property
     def moving_sections(self) -> range:

@@ -35,7 +35,7 @@ RMS_BISECTIONS = 50
 STEPS, CHECKED_STEPS = 100, 300
 """Instants of `Stopping`, and of stops that are checked against a limit: the way to the next one is added to each of these."""
 FACTORS = np.append(1.01 ** np.arange(140), 2.0 ** np.arange(2, 10))
-"""Factors of the duration that are tried, in turn: a stop is not monotone in the speed. From 4 on they double."""
+"""Factors of the duration that are tried in turn, because a stop is not monotone in the speed. Above 4 each one doubles."""
 
 
 class Stopping(NamedTuple):
@@ -80,7 +80,7 @@ def slow_to(plan: P, rms_torque: ArrayLike | None, cycle: float | None, *stoppin
     least = np.min(found, axis=0)
     texts = f"a stopping time of {least[0]:.6g} s", f"a stopping distance of {least[1]:.6g} {plan.path.unit}"
     words = [text for text, limit in zip(texts, limits, strict=True) if limit < np.inf]
-    reason = f"slowed by up to {first * FACTORS[-1]:.3g}, the motion reached {' and '.join(words)} at least"
+    reason = f"stretched by a factor of up to {first * FACTORS[-1]:.3g}, the motion has {' and '.join(words)} at best"
     raise NoSolution(reason, advice="higher limits on stopping, or higher accelerations and jerks")
 
 

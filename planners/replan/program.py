@@ -103,7 +103,7 @@ def _name_part(running: ProgramPlan, i: int, failed: Plan) -> Plan:
 
 
 def _list_ahead(running: ProgramPlan, t: float) -> Iterator[Scheduled]:
-    """Return the events that may still come after a time [s]; those after a place that is passed get a time."""
+    """Yield the events that may still occur after a time [s]; delayed events whose place is passed get a time."""
     for one in running.scheduled:
         timed = isinstance(one, TimedEvent) or getattr(one, "after", 0.0) > 0.0
         events = replace(running, scheduled=(one,), period=None).events if timed else ()

@@ -28,7 +28,7 @@ SPEED_MARGIN = 1e-6
 
 
 class RecordedLaw(TimeLaw):
-    """A record of the law of a plan: its name, the limits that it enforces, and the requested speed; or of `optimal` for it."""
+    """A record of the law of a plan, or of `optimal` in its place: its name, its speed, and the limits that it enforces."""
 
     enforced = ()
 
@@ -80,7 +80,7 @@ def _own_law(plan: Plan) -> TimeLaw:
 
 
 def keep_speed(plan: Plan, limits: MotionLimits) -> MotionLimits:
-    """Return limits of a motion after a plan's: the speed of the tool, or of its rotation, that the plan's law was given."""
+    """Return limits with the constant speed of a plan's law as a limit on the tool's speed, or on its rotation."""
     if plan.speed is None:
         return limits
     name = TOOL_SPEEDS[int(plan.certificate.tool_speed.value <= 0.5 * plan.speed)]
@@ -156,9 +156,11 @@ def explain_infeasible(request: PlanRequest, start: MovingState, stop: bool) -> 
 
 
 def _name_both(start: MovingState, limits: MotionLimits, field: str, joint: str) -> str:
-    """Return words for the limit of a joint that was asked for, and for that of the plan, if they differ."""
+    """Return a text with the requested limit of a joint and that of the plan, if the limits differ."""
     robot = start.plan.robot
     if field not in DERIVATIVES or start.plan_limits == limits:
         return ""
-    low, high = (x.arrays(robot.n)[field][robot.joint_names.index(joint)] for x in (limits, start.plan_limits))
-    return f" (limit {low:.6g}; {high:.6g} in the plan)"
+    i = robot.joint_names.index(joint)
+    low, high = (x.arrays(robot.n)[field][i] for x in (limits, start.plan_limits))
+    unit = next(kind.units[int(robot.prismatic[i])] for kind in limits.kinds if kind.name == field)
+    return f" (limit {low:.6g} {unit}; in the plan {high:.6g} {unit})"

@@ -42,7 +42,7 @@ def message_of(trajectory: Trajectory, times: Times, form: Form, stops: Array | 
     """Return the message with a trajectory's exact states at some times, at rest at its stops (k,) [s]."""
     t, order = times / NANOSECONDS, list(form.columns.values())
     states = list(sample_states(trajectory, t)[: count_derivatives(form.interpolation)])
-    for stop in stops:  # a whole nanosecond may be just before or after it, where the law's acceleration may jump
+    for stop in stops:  # times in whole nanoseconds are next to it, where the acceleration may be discontinuous
         for state in states[1:]:
             state[np.abs(times - stop * NANOSECONDS) <= 1.0] = 0.0
     if form.motors is not None:
@@ -62,7 +62,7 @@ RATES = ("rad", "rad/s", "rad/s2", "m", "m/s", "m/s2")
 
 
 class MessagePoints(NamedTuple):
-    """Setpoints: times (k,) [s] from the first one, which is at `begin` of a clock, and values (k, n) by order of derivative.
+    """Setpoints: times (k,) [s] after the first one, which is at `begin` [s], and values (k, n) by order of derivative.
 
     `from_start` is True if the clock starts with the motion; `locate` names a row for errors; `notes` lists assumptions, and
     `assumed` the units, such as s and rad, that the file does not state.
@@ -99,7 +99,7 @@ def read_points(message: Any, names: list[str], ignore: Collection[str] = ()) ->
             read_list(row, field, f"{len(times)} rows, one for each time", len(read_list(times, clock)))
         points = [dict(zip(rows, row, strict=True)) for row in zip(*rows.values(), strict=True)]
     if not isinstance(points, list) or not points or not all(isinstance(p, dict) for p in points):
-        raise InvalidInput("points", repr(points)[:60], "at least two points")
+        raise InvalidInput("points", repr(points)[:60], "a list of at least one point")
     fields = [f for f in POINT_FIELDS if f == "positions" or any(p.get(f) for p in points)]
     if fields == ["positions", "accelerations"]:
         raise InvalidInput("points", "accelerations without velocities", "velocities, too")

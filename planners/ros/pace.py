@@ -60,7 +60,7 @@ def fit_pace(motion: Motion, form: Form, rate: float | None, strict: bool) -> tu
 
 
 def _find_stretch(motion: Motion, executed: MotionAnalysis, judged: tuple[str, ...], stops: Array) -> float:
-    """Return the factor by which an executed motion is too fast, of a program by the limits and the arm of each section."""
+    """Return the stretch with which an executed motion respects its limits: for a program, the largest of its sections."""
     path, trajectory = motion.path, executed.trajectory
     if not isinstance(path, ProgramPath):
         return stretch_factor(executed, motion.limits, judged)

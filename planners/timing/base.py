@@ -128,7 +128,7 @@ class TimeLaw(ABC):
         self.check(joint_path, limits)
         bounds, enforced = limits.bounds(joint_path.robot.n), self.list_enforced(limits)
         for name in limits.extra or ():
-            if name in enforced:  # a limit of 0 where a joint moves leaves the law nothing to compute
+            if name in enforced:  # before the law, which cannot compute with a limit of 0 where a joint moves
                 kind_of(name).check_still(joint_path, bounds[name])
         found = self._time(joint_path, limits)
         if isinstance(found, MotionAnalysis):
@@ -355,9 +355,9 @@ def speed_bound(joint_path: JointPath, limits: MotionLimits, s: Array) -> Array:
     slowness = np.zeros(s.size)
     for kind in first:
         slowness = np.fmax(slowness, np.abs(kind.rows(at, bounds[kind.name])[:, :, 0]).max(axis=1))
-    if np.isinf(slowness).any():  # nowhere else, if `check_still` did not find it
+    if np.isinf(slowness).any():  # a limit that is 0 between the places that `check_still` examines
         at_s = float(s[np.isinf(slowness).argmax()])
-        reason = f"a limit on a velocity is 0 at s = {at_s:.6g} {joint_path.path.unit}, where the joints must move"
+        reason = f"a velocity limit is 0 at s = {at_s:.6g} {joint_path.path.unit}, where the joints must move"
         raise NoSolution(reason, s=at_s, advice="a path that stays farther from the ends of the ranges")
     with np.errstate(divide="ignore"):
         return np.asarray(1.0 / slowness)

@@ -380,6 +380,8 @@ def test_messages_are_in_degrees_millimetres_and_options() -> None:
     assert translate(advice) == (
         "--timing optimal with --tool-speed 0.25, which slows; a law with --tool-speed or --rotation-speed as limits"
     )
+    assert translate("within its time_limit: a longer one") == "within its --time-limit: a longer one"
+    assert translate("'j0' [-1, 1] rad; with_limits sets them") == "'j0' [-57.3, 57.3]°; only <limit> is read"
 
 
 def test_an_error_says_what_to_type(typed: Any) -> None:

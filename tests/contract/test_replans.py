@@ -490,6 +490,6 @@ def test_a_refusal_under_lower_limits_names_both() -> None:
     assert not refused and refused.failure is not None
     ratio, low, high = (
         float(x)
-        for x in re.findall(r"has (\S+) times .* \(limit (\S+); (\S+) in the plan\)", refused.failure.reason)[0]
+        for x in re.findall(r"has (\S+) times .* \(limit (\S+) \S+; in the plan (\S+) \S+\)", refused.failure.reason)[0]
     )
     assert ratio > 1.0 and low == pytest.approx(0.3 * high, rel=1e-5)

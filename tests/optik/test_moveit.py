@@ -122,9 +122,9 @@ def test_an_object_that_is_removed_is_left_out_and_it_is_said(tmp_path: Path) ->
     two = "collision_objects: [{%s}, {id: ball, primitives: [{type: 2, dimensions: [0.1]}]}, {id: %s, operation: %s}%s]"
     crate = ", ".join(BOX.strip().splitlines())
     for word in ("REMOVE", "1", '"\\x01"', "!!binary AQ=="):
-        with pytest.warns(AssumptionWarning, match=r"REMOVE: crate before collision_objects\[2\] is left out"):
+        with pytest.warns(AssumptionWarning, match=r"REMOVE in collision_objects\[2\] removes 'crate' before it"):
             assert load(tmp_path, two % (crate, "crate", word, "")).names == ("ball",)
-    with pytest.warns(AssumptionWarning, match="REMOVE: every object"):
+    with pytest.warns(AssumptionWarning, match=r"REMOVE in collision_objects\[2\] removes every object"):
         assert load(tmp_path, two % (crate, "''", "REMOVE", f", {{{crate}}}")).names == ("crate",)
     with pytest.raises(InvalidInput, match="no objects"):
         load(tmp_path, "{id: a, operation: REMOVE}")

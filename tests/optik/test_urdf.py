@@ -169,7 +169,7 @@ def test_what_is_not_of_the_chain_is_not_read():
     rest += joint(9, "floating", "", "free", "link1", "ball") + joint(9, "revolute", "", "bad", "link1", "thumb")
     inside = LIMIT + '<safety_controller soft_lower_limit="-0.1" soft_upper_limit="0.1" k_velocity="1"/>'
     with pytest.warns(
-        RobotModelWarning, match=r"soft limits of <safety_controller> are not the ranges: 'j0' \[-0.1, 0.1\]"
+        RobotModelWarning, match=r"soft limits of <safety_controller> are not used: 'j0' \[-0.1, 0.1\] rad"
     ):
         robot = Robot.from_urdf(arm(joint(0, inside=inside), links=2, rest=rest), "link1")
     assert robot == Robot.from_urdf(one(LIMIT))

@@ -241,7 +241,7 @@ def test_misuse_is_refused_by_name() -> None:
         cell_of().move_to_spot(spot, follow=lambda t: spot, moved=np.nan)
     with pytest.raises(InvalidInput, match="follow"):
         cell_of().move_to_spot(spot, follow=3)
-    with pytest.raises(InvalidInput, match="readings: expected 1: look may return arrays of several readings; got 3"):
+    with pytest.raises(InvalidInput, match="readings: expected 1: look itself may return several readings; got 3"):
         cell_of().move_to_spot(spot, corrections=1, readings=3, look=lambda: EXACT.reading(SPOT))
     with pytest.raises(InvalidInput, match="drive"):
         Cell(optik.load("ur5e"), EXACT, ideal())

@@ -193,7 +193,7 @@ def test_a_joint_that_moves_where_its_velocity_limit_is_0_is_named(law: str, joi
     followed = follow(make_solver(robot, "lm"), JointLine(robot, robot.limits.middle, goal))
     assert followed.joint_path is not None
     options = {"speed": 0.1} if law == "constant_speed" else {}
-    with pytest.raises(NoSolution, match=f"{robot.joint_names[joint]} moves to its upper end .* is 0"):
+    with pytest.raises(NoSolution, match=f"{robot.joint_names[joint]} moves at .* towards the upper end .* is 0"):
         make_law(law, **options).run(followed.joint_path, MotionLimits.of(robot))
 
 
@@ -206,7 +206,7 @@ def test_a_limit_that_is_0_between_the_points_of_the_check_is_no_error_of_number
     joint_path = follow(make_solver(robot, "lm"), JointLine(robot, robot.limits.middle, goal)).joint_path
     assert joint_path is not None
     monkeypatch.setattr(VelocityByPositionLimit, "check_still", lambda *_: None)
-    with pytest.raises(NoSolution, match="a limit on a velocity is 0 at s = "):
+    with pytest.raises(NoSolution, match="a velocity limit is 0 at s = "):
         Optimal().run(joint_path, MotionLimits.of(robot))
 
 

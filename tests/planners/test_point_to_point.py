@@ -335,7 +335,7 @@ def test_a_point_that_repeats_the_one_before_is_merged_with_it() -> None:
     found = plan(robot, path, limits=LIMITS)
     assert "(points merged: 4)" in str(found) and "merged" not in str(plan(robot, plain, limits=LIMITS))
     assert np.abs(found.goal - goal).max() < 1e-12
-    with pytest.raises(InvalidInput, match="only the start again"):
+    with pytest.raises(InvalidInput, match="only points that equal the start"):
         PointToPoint(robot, HOME, HOME, HOME + 1e-9)
 
 

@@ -450,8 +450,8 @@ def test_a_part_of_no_length_is_nothing_to_do():
     for idle, items in cases.items():
         found = plan(*items)
         assert found and found.duration == pytest.approx(plain.duration, rel=1e-12)
-        words = ", ".join(map(str, idle))
-        assert f"in 2 sections, nothing to do in part {words}, lm" in str(found)
+        words = f"part{'s' if len(idle) > 1 else ''} {', '.join(map(str, idle))}"
+        assert f"in 2 sections, nothing to do in {words}, lm" in str(found)
         assert len(found.parts) == len(items) and [i + 1 for i, p in enumerate(found.parts) if p.begin == p.end] == [
             *idle
         ]

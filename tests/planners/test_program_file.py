@@ -304,11 +304,11 @@ OTHERS = [
     (GOOD + "[[event]]\n", "fraction or spacing_mm; got no keys"),
     (
         GOOD + "[[event]]\nsignal = 'a'\npart = 1\nspacing_mm = 9\nafter_s = 1\n",
-        "after_s: expected none, or distance_mm or fraction; got 1 with spacing_mm",
+        "after_s: expected no after_s, or a place by distance_mm or fraction; got 1 with spacing_mm",
     ),
     (
         GOOD + "[[event]]\nsignal = 'a'\ntime_s = 1\nbefore_s = 1\n",
-        "before_s: expected none, or distance_mm or fraction",
+        "before_s: expected no before_s, or a place by distance_mm or fraction",
     ),
     (GOOD + "[[event]]\nsignal = 'a'\npart = 1\ntime_s = 1\n", "[[event]] 1: event: "),
     (GOOD + "[[event]]\nsignl = 'a'\n", "got signl unknown; did you mean signal?"),

@@ -22,7 +22,7 @@ class StreamRecord(NamedTuple):
     report : StreamReport
         What the stream did.
     fault : str
-        Why the stream was stopped, such as what its source raised; empty if it was not.
+        Why the stream was stopped, for example an exception of its source; empty if it was not stopped.
     """
 
     t: Array
@@ -41,7 +41,7 @@ class StreamRecord(NamedTuple):
 
 
 def make_record(rows: list[tuple[float, Array, Array]], stream: Stream, fault: str) -> StreamRecord:
-    """Return the record of times, set-points and measured positions; a fault of the arm goes before one of the source."""
+    """Return the record of a stream; its fault is that of the arm, or else the exception of the source."""
     t, setpoints, q = (np.array(x) for x in zip(*rows, strict=True))
     if not fault and (error := stream.error):
         fault = f"{type(error).__name__}: {error}"

@@ -227,7 +227,7 @@ class Drive(ABC):
         """
 
     def follow(self, stream: Stream) -> StreamRecord:
-        """Take the arm along a stream to its end at rest; stop the stream if a joint does not follow or its source raises.
+        """Execute a stream to its end at rest; stop it if a joint does not follow or the source raises an exception.
 
         A simulated drive takes the set-points, one for each period. A drive of ROS sends each motion as it is joined.
 
