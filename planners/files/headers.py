@@ -15,7 +15,7 @@ import numpy as np
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
 from optik.tables import TableColumn, TextTable, find_size, read_number, split_unit
-from planners.ros.message import NANOSECONDS, POINT_FIELDS, MessagePoints
+from planners.ros.message import POINT_FIELDS, MessagePoints
 
 CLOCKS = ("t", "time", "times", "timestamp", "timestamps", "stamp", "elapsed", "clock", "epoch")
 """Last words of the name of a column of times."""
@@ -49,9 +49,8 @@ def read_log(table: TextTable, robot: Robot, names: list[str]) -> MessagePoints:
     sets = _find_sets(table, robot, names)
     bare = sorted(k for k, own in sets.items() if not any(column.unit for column in own.values()))
     for k in bare if 0 in sets and 0 not in bare else ():
-        pairs, per = zip(sets[k].items(), sets[0].values(), strict=True), ("", "/s", "/s2")[k]
-        sets[k] = {header: like._replace(at=column.at, unit=like.unit + per) for (header, column), like in pairs}
-        table.notes.append(f"the {POINT_FIELDS[k]} have no units, and are read in those of the positions{per}")
+        sets[k] = {h: like._replace(at=sets[k][h].at) for h, like in zip(sets[k], sets[0].values(), strict=True)}
+        table.notes.append(f"the {POINT_FIELDS[k]} have no units, and are read in those of the positions{'/s' * k}")
     used = {header: column for own in sets.values() for header, column in own.items()}
     clocks = {header: column for header, column in _find_clocks(table).items() if header not in used}
     stems = {split_unit(header)[0] for header in clocks}
@@ -80,7 +79,7 @@ def read_log(table: TextTable, robot: Robot, names: list[str]) -> MessagePoints:
 def _are_parts(table: TextTable, clocks: Columns) -> bool:
     """Return whether all times are whole, and the nanoseconds below a second: not the same times in two units."""
     cells = [(read_number(cells[column.at]), column.unit) for _, cells in table.lines for column in clocks.values()]
-    return not any(x % 1.0 > 0.0 or (unit == "ns" and not 0.0 <= x < NANOSECONDS) for x, unit in cells)
+    return not any(x % 1.0 > 0.0 or (unit == "ns" and not 0.0 <= x < 1e9) for x, unit in cells)
 
 
 def _find_sets(table: TextTable, robot: Robot, names: list[str]) -> dict[int, Columns]:

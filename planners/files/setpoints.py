@@ -36,8 +36,6 @@ LATEST, LONGEST_STEP = 1e11, 1e5
 """Latest time by any clock, and longest time between two setpoints [s]: larger ones are in another unit."""
 ROS_TIME = 4.2e15
 """Least whole number without a unit that is a time in nanoseconds [ns]: microseconds since 1970 are smaller until 2103."""
-OTHER_UNITS = {"s": "ms", "rad": "deg", "m": "mm"}
-"""Units that are often meant instead of the usual ones."""
 TURN = 2.0 * np.pi * (1.0 + 1e-6)
 """Largest range of wrapped positions [rad]."""
 SPLINE = "spline"
@@ -115,8 +113,7 @@ def _load(
             found = _convert(read_log(read_table(file, columns, ignore), robot, names), robot, unit)
             if found.assumed and unit != ():
                 assumed = ", ".join(found.assumed)
-                others = ",".join(dict.fromkeys(OTHER_UNITS[one.partition("/")[0]] for one in found.assumed))
-                found.notes.append(f"no units in the header, read in {assumed}: unit={others!r} gives others")
+                found.notes.append(f"no units in the header, read in {assumed}: unit= gives others, such as deg or ms")
         else:
             message = _find_message(from_text(decode_text(read_bytes(FilePath(file))), suffix))
             found = _convert(read_points(message, names, read_names(ignore, "ignore")), robot, unit)

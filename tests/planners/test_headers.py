@@ -117,8 +117,6 @@ def test_units_come_from_the_header_the_size_or_the_option(read: Callable[..., T
         match=r"^unit: expected units instead of none, which the file does not state, or s, deg, which it states; got rad",
     ):
         read("t_s;shoulder_deg;elbow_deg;wrist_deg", unit="rad")
-    with pytest.warns(AssumptionWarning, match="header, read in rad: unit='deg' gives others"):
-        check(read("t_s;shoulder;elbow;wrist"))
     check(
         read("t_ms;shoulder;elbow;wrist", (0, 500, 1000), deg, unit="ms,degrees")
     )  # the unit of the header, and another
