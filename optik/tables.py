@@ -38,7 +38,7 @@ UNIT_SIZES = (
     {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
 )
 """Units of lengths, angles and times, in SI units."""
-SPELLINGS = {"radians": "rad", "degrees": "deg", "sec": "s", "secs": "s", "seconds": "s", "msec": "ms", "µs": "us",
+SPELLINGS = {"radians": "rad", "degrees": "deg", "°": "deg", "sec": "s", "secs": "s", "seconds": "s", "msec": "ms", "µs": "us",
              "nsec": "ns", "nsecs": "ns", "nanosec": "ns", "nanosecs": "ns"}  # fmt: skip
 """Other spellings of units."""
 UNITS, PER = "|".join((*SPELLINGS, *chain(*UNIT_SIZES))), r"(?:(?:/|_|_per_)s(?:\^?2|²)?)?"

@@ -1,8 +1,8 @@
 """Columns of a log: times, and positions, velocities and accelerations of joints, found by the words of the headers.
 
 A header is divided into words at separators, between letters and digits, and in camelCase. Its end may be a unit. A column of a
-joint has the joint's name, or a number where the numbers of such columns run from 0 or 1. The other words are those of one
-quantity. Components of a path, such as the name of a topic, may have any words.
+joint has the joint's name, or a number: that of the joint's name, or where the names have none, one of those from 0 or 1. The
+other words are those of one quantity. Components of a path, such as the name of a topic, may have any words.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
-from optik.tables import TableColumn, TextTable, find_size, split_unit
+from optik.tables import TableColumn, TextTable, find_size, read_number, split_unit
 from planners.ros.message import POINT_FIELDS, MessagePoints
 
 CLOCKS = ("t", "time", "times", "timestamp", "timestamps", "stamp", "elapsed", "clock", "epoch")
@@ -47,15 +47,20 @@ def list_units(robot: Robot, order: int) -> list[str]:
 def read_log(table: TextTable, robot: Robot, names: list[str]) -> MessagePoints:
     """Return the setpoints of a table, in SI units where the header states no others."""
     sets = _find_sets(table, robot, names)
+    bare = sorted(k for k, own in sets.items() if not any(column.unit for column in own.values()))
+    for k in bare if 0 in sets and 0 not in bare else ():
+        sets[k] = {h: like._replace(at=sets[k][h].at) for h, like in zip(sets[k], sets[0].values(), strict=True)}
+        table.notes.append(f"the {POINT_FIELDS[k]} have no units, and are read in those of the positions{'/s' * k}")
     used = {header: column for own in sets.values() for header, column in own.items()}
     clocks = {header: column for header, column in _find_clocks(table).items() if header not in used}
     stems = {split_unit(header)[0] for header in clocks}
-    pair = len(stems) == 1 and {column.unit for column in clocks.values()} == {"s", "ns"}
+    pair = len(stems) == 1 and {column.unit for column in clocks.values()} == {"s", "ns"} and _are_parts(table, clocks)
     expected = f"one column of times (t, stamp, time_ms …), and one for each of {', '.join(names)} (by name, or q1 …)"
     if len(clocks) != 1 + pair or 0 not in sets or (2 in sets and 1 not in sets):
         found = {"times": clocks, POINT_FIELDS[0]: {}, **{POINT_FIELDS[order]: own for order, own in sets.items()}}
         known = "; ".join(f"{kind}: {', '.join(own) or 'none'}" for kind, own in found.items())[:200]
-        advice = f"columns='t,{','.join(names)}' names all columns, ignore= leaves some out"
+        others = " or ".join(map(repr, clocks))[:160] if len(clocks) > 1 + pair else ""
+        advice = f"columns='t,{','.join(names)}' names all columns, ignore={others} leaves some out"
         raise table.make_header_error(expected, f"found are {known}; {advice}")
     table.refuse_others([*clocks, *used], expected)
     table, clock, sizes = table._replace(columns=clocks | used), [*clocks], [c.size for c in clocks.values()]
@@ -64,39 +69,52 @@ def read_log(table: TextTable, robot: Robot, names: list[str]) -> MessagePoints:
     t = np.array([sum(float(x - x0) * size for x, x0, size in zip(row, rows[0], sizes, strict=True)) for row in rows])
     orders, from_start = sorted(sets), _find_words(stems.pop().lower())[-3:] == SINCE_START
     values = [table.read_numbers(list(sets[order])) for order in orders]
-    usual = [(["s"], clocks), *((list_units(robot, k), sets[k]) for k in orders)]
-    assumed = dict.fromkeys(unit for units, own in usual if not next(iter(own.values())).unit for unit in units)
-    return MessagePoints(t, begin, values, from_start, lambda i: table.locate(i, *clock), table.notes, assumed)
+    bases = [unit for k in bare if 0 in bare for unit in list_units(robot, k)]
+    assumed = dict.fromkeys(["s"] * (not clocks[clock[0]].unit) + bases)
+    told = table.notes, assumed, dict.fromkeys(column.unit for column in (clocks | used).values() if column.unit)
+    places = [clock, *([header] for header in sets[0])]
+    return MessagePoints(t, begin, values, from_start, lambda i, j=-1: table.locate(i, *places[j + 1]), *told)
+
+
+def _are_parts(table: TextTable, clocks: Columns) -> bool:
+    """Return whether all times are whole, and the nanoseconds below a second: not the same times in two units."""
+    cells = [(read_number(cells[column.at]), column.unit) for _, cells in table.lines for column in clocks.values()]
+    return not any(x % 1.0 > 0.0 or (unit == "ns" and not 0.0 <= x < 1e9) for x, unit in cells)
 
 
 def _find_sets(table: TextTable, robot: Robot, names: list[str]) -> dict[int, Columns]:
-    """Return the columns of each order of derivative: those with the joints' names, or with numbers in their order."""
+    """Return the columns of each order of derivative: those with the joints' names, or with their numbers."""
     named = [re.compile(rf"(?<![^\W_]){re.escape(name)}(?![^\W_])", re.IGNORECASE) for name in names]
-    found: dict[int, Columns] = {}
+    counts, found = [[*range(robot.n)], [*range(1, robot.n + 1)]], dict[int, Columns]()
+    ends = [int(number) for name in names for number in re.findall(r"\d+", name)[-1:]]
     for by_name in (True, False):
+        orders = counts[:1] if by_name else [ends] if len({*ends}) == robot.n and ends != counts[1] else counts
         groups: dict[str, dict[int, Columns]] = {}
         others = [h for h in table.columns if len(h) <= LONGEST_HEADER and not any(h in own for own in found.values())]
         for header in others:
             marks = [(i, m) for i, pattern in enumerate(named) for m in pattern.finditer(header)]
             marks = [(i, m) for i, m in marks if len(m[0]) == max(len(other[0]) for _, other in marks)]
-            for i, m in marks if by_name else [(int(m[0]), m) for m in NUMBER.finditer(header)]:
+            inside = {i for _, m in marks for i in range(*m.span())}  # the number of another joint
+            numbers = [(int(m[0]), m) for m in NUMBER.finditer(header) if m.start() not in inside]
+            for i, m in marks if by_name else numbers:
                 stem, unit = split_unit(f"{header[: m.start()]}@{header[m.end() :]}")
                 groups.setdefault(stem, {}).setdefault(i, {})[header] = table.columns[header]._replace(unit=unit)
         for stem, members in groups.items():
-            order, begin = _find_order(stem), min(members)
-            if order is None or begin > 1 or sorted(members) != [*range(begin, begin + robot.n)]:
+            order, at = _find_order(stem), next((x for x in orders if {*x} == {*members}), None)
+            if order is None or at is None:
                 continue
-            pairs = [(unit, *x) for i, unit in enumerate(list_units(robot, order)) for x in members[begin + i].items()]
+            pairs = [(unit, *x) for i, unit in enumerate(list_units(robot, order)) for x in members[at[i]].items()]
             own = {header: c._replace(size=size) for usual, header, c in pairs if (size := find_size(c.unit, usual))}
             if len(own) >= robot.n and len(both := found.get(order, {}) | own) > robot.n:
                 first = found.get(order) or [next(iter(each)) for each in members.values()]
-                advice = f"ignore={','.join(h for h in both if h not in first)!r} leaves columns out"
+                advice = (
+                    f"ignore={','.join(h for h in both if h not in first)!r} or {','.join(first)!r} leaves some out"
+                )
                 expected = f"one column of {POINT_FIELDS[order]} for each joint"
                 raise InvalidInput(table.locate(), ",".join(both)[:160], expected, advice=advice)
             if len(own) == robot.n and order not in found:
                 found[order] = own
-                words = f"the columns {','.join(own)} are {','.join(names)}, by their numbers"
-                table.notes.extend([words[:200]] * (not by_name))
+                table.notes.extend([f"the columns {','.join(own)} are {','.join(names)}, by number"] * (not by_name))
     return found
 
 

@@ -18,7 +18,7 @@ from optik.check import locate_error
 from optik.errors import InvalidInput
 from optik.file_io import check_suffix, decode_text, parse_json, read_bytes
 from optik.scene.messages import find_mappings
-from optik.tables import UNIT_SIZES, Names, find_size, read_names, read_table, warn_of_assumptions
+from optik.tables import UNIT_SIZES, Names, find_size, read_names, read_table, split_unit, warn_of_assumptions
 from optik.types import Array
 from planners.files import load_motion
 from planners.files.base import CONTENT
@@ -75,7 +75,8 @@ def load_trajectory(
     columns : str or sequence of str, optional
         Names of the columns of a table without a header, or new names of all columns.
     unit : str or sequence of str, optional
-        Units that the file does not state, such as ``"ms,deg"``; by default s, rad and m, which ``()`` states, too.
+        Units that the file does not state, such as ``"ms,deg"``; by default s, rad and m, which ``()`` states, too. Rates
+        without a unit have that of the positions.
 
     Returns
     -------
@@ -93,11 +94,11 @@ def load_trajectory(
     suffix = check_suffix(file, READ_SUFFIXES)
     if not isinstance(robot, Robot):
         raise InvalidInput("robot", repr(robot)[:60], "a Robot")
+    names = Form("", find_columns(robot, joint_names)).names
     if saved := read_saved(file):
-        _check_arm(saved[0], robot, file, unit)
+        _check_arm(*saved, robot, names, file, unit)
         if saved[1] and all(x is None for x in (interpolation, start, ignore, unwrap, columns)):
             return saved[0].trajectory
-    names = Form("", find_columns(robot, joint_names)).names
     return _load(file, suffix, robot, names, (columns, ignore, () if saved else unit), (interpolation, start, unwrap))
 
 
@@ -112,7 +113,7 @@ def _load(
             found = _convert(read_log(read_table(file, columns, ignore), robot, names), robot, unit)
             if found.assumed and unit != ():
                 assumed = ", ".join(found.assumed)
-                found.notes.append(f"no units in the header, read in {assumed}: unit='ms,deg' gives others")
+                found.notes.append(f"no units in the header, read in {assumed}: unit= gives others, such as deg or ms")
         else:
             message = _find_message(from_text(decode_text(read_bytes(FilePath(file))), suffix))
             found = _convert(read_points(message, names, read_names(ignore, "ignore")), robot, unit)
@@ -145,14 +146,15 @@ def read_saved(file: str | os.PathLike[str]) -> tuple[Motion, bool] | None:
     return (load_motion(file), True) if found == CONTENT else None
 
 
-def _check_arm(saved: Motion, robot: Robot, file: str | os.PathLike[str], unit: Names) -> None:
-    """Raise InvalidInput unless a saved motion has the joints of an arm and the same matrix of motors, and no unit is given."""
+def _check_arm(saved: Motion, exact: bool, robot: Robot, names: list[str], file: Any, unit: Names) -> None:
+    """Raise InvalidInput for a saved motion of other joints or motors, or exact polynomials in another order, or a unit."""
+    own = [*maker_names(saved.robot)]
     if unit is not None:
         raise InvalidInput("unit", repr(unit)[:60], f"none, because {file} states its units")
-    if saved.robot.joint_names != robot.joint_names:
-        raise InvalidInput(f"{file}: joint_names", ", ".join(saved.robot.joint_names), f"those of {robot.name}")
     if not have_same_matrix(saved.robot.motors, robot.motors):
         raise InvalidInput(f"{file}: motors", "other motors, or another matrix", f"those of {robot.name}")
+    if {*own} != {*names} or (exact and own != names):
+        raise InvalidInput(f"{file}: joint_names", ", ".join(own), f"those of {robot.name}, {', '.join(names)}")
 
 
 def _find_message(data: Any) -> Any:
@@ -166,9 +168,11 @@ def _find_message(data: Any) -> Any:
 def _convert(found: MessagePoints, robot: Robot, unit: Names) -> MessagePoints:
     """Return setpoints in SI units, with the units of ``unit=`` where the file states none."""
     bases, given = {one: next(iter(sizes)) for sizes in UNIT_SIZES for one in sizes}, read_names(unit, "unit")
-    units, assumed = {bases.get(one, ""): one for one in given}, {one: one.partition("/")[0] for one in found.assumed}
-    if len(units) < len(given) or not {*units} <= {*assumed.values()}:
-        expected = f"units instead of {', '.join(assumed) or 'none'}, which the file does not state, such as 'ms,deg'"
+    others = [own for one in given if (own := "".join(split_unit(one))) not in found.stated]
+    units, assumed = {bases.get(one, ""): one for one in others}, {one: one.partition("/")[0] for one in found.assumed}
+    if len(units) < len(others) or not {*units} <= {*assumed.values()}:
+        known = f", or {', '.join(found.stated)}, which it states" * bool(found.stated)
+        expected = f"units instead of {', '.join(assumed) or 'none'}, which the file does not state{known}"
         raise InvalidInput("unit", ",".join(given)[:60], expected)
     if "s" in assumed and "s" not in units and found.begin >= ROS_TIME and not (found.t % 1.0).any():
         units["s"] = "ns"
@@ -195,7 +199,7 @@ def _check_meant(found: MessagePoints, robot: Robot) -> None:
         row, j = np.unravel_index(np.argmax(np.where(turns, np.maximum(low - q, q - high), 0.0)), q.shape)
         got, expected = f"{maker_names(robot)[j]} = {q[row, j]:.6g}", f"its range [{low[j]:.6g}, {high[j]:.6g}] [rad]"
         advice = f"{asked} unit='deg' reads degrees, unit='rad' radians"
-        raise InvalidInput(found.locate(int(row)), got, expected, advice=advice)
+        raise InvalidInput(found.locate(int(row), int(j)), got, expected, advice=advice)
 
 
 def _build(
@@ -222,7 +226,7 @@ def _build(
     if t.size < 2:
         expected = "at least two, or a later one and start=Q, the configuration at 0 s"
         raise InvalidInput(found.locate(0), "one point", expected)
-    values[0] = _remove_turns(t, values[0], robot, unwrap, lambda i: found.locate(i - first))
+    values[0] = _remove_turns(t, values[0], robot, unwrap, lambda i, j: found.locate(i - first, j))
     if interpolation == SPLINE:  # through the points; the controller reaches the first one from the start
         spline = scipy.interpolate.CubicSpline(t[first:], values[0][first:], bc_type="clamped")
         return trajectory_through(t, values[0], np.vstack([np.zeros((first, robot.n)), spline(t[first:], 1)]))
@@ -233,7 +237,7 @@ def _build(
     return trajectory_through(t, *values[: len(values) if interpolation is None else known.index(interpolation) + 1])
 
 
-def _remove_turns(t: Array, q: Array, robot: Robot, unwrap: Names, place: Callable[[int], str]) -> Array:
+def _remove_turns(t: Array, q: Array, robot: Robot, unwrap: Names, place: Callable[[int, int], str]) -> Array:
     """Return positions without jumps by whole turns of some joints; by default, joints without limits must have none."""
     chosen, wrapped = read_names(unwrap, "unwrap"), q.copy()
     turning = [name for i, name in enumerate(robot.joint_names) if not robot.prismatic[i]]
@@ -246,5 +250,5 @@ def _remove_turns(t: Array, q: Array, robot: Robot, unwrap: Names, place: Callab
         name = robot.joint_names[j]
         got = f"a jump of {name} by {q[i + 1, j] - q[i, j]:.6g} rad at {t[i + 1]:.9g} s, nearly a turn of 2π"
         advice = f"unwrap={name!r} removes whole turns, unwrap=() accepts the jump"
-        raise InvalidInput(place(i + 1), got, "continuous positions of a joint without limits", advice=advice)
+        raise InvalidInput(place(i + 1, j), got, "continuous positions of a joint without limits", advice=advice)
     return wrapped

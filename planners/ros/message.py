@@ -64,17 +64,18 @@ RATES = ("rad", "rad/s", "rad/s2", "m", "m/s", "m/s2")
 class MessagePoints(NamedTuple):
     """Setpoints: times (k,) [s] after the first one, which is at `begin` [s], and values (k, n) by order of derivative.
 
-    `from_start` is True if the clock starts with the motion; `locate` names a row for errors; `notes` lists assumptions, and
-    `assumed` the units, such as s and rad, that the file does not state.
+    `from_start` is True if the clock starts with the motion; `locate` names a row, or a joint's value in it, for errors;
+    `notes` lists assumptions, `assumed` the units, such as s and rad, that the file does not state, and `stated` those it does.
     """
 
     t: Array
     begin: float
     values: list[Array]
     from_start: bool
-    locate: Callable[[int], str]
+    locate: Callable[..., str]
     notes: list[str]
     assumed: Collection[str] = RATES
+    stated: Collection[str] = ()
 
 
 def reconstruct(message: Any, names: list[str]) -> Trajectory:
@@ -115,7 +116,7 @@ def read_points(message: Any, names: list[str], ignore: Collection[str] = ()) ->
         t = read_floats(times, clock, len(points))
         return MessagePoints(t - t[0], float(t[0]), values, from_start, locate, [], ("s", *RATES))
     ns = np.array([read_time(x, locate(i)) for i, x in enumerate(since)])
-    return MessagePoints((ns - ns[0]) / NANOSECONDS, ns[0] / NANOSECONDS, values, from_start, locate, [])
+    return MessagePoints((ns - ns[0]) / NANOSECONDS, ns[0] / NANOSECONDS, values, from_start, locate, [], stated=["s"])
 
 
 def order_joints(found: Any, names: list[str], ignore: Collection[str]) -> list[int]:

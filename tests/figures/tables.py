@@ -43,10 +43,10 @@ class Drawn:
         self.digits, self.columns = int(rng.integers(3, 17)), {}
         names, cells = [], []
         separator, comma = str(rng.choice([",", ";", "\t", " "])), bool(rng.random() < 0.4)
-        header, bare = rng.random() < 0.75, rng.random() < 0.35
+        header, bare, written = rng.random() < 0.75, rng.random() < 0.35, 1.0
         for units, group in kinds:
             unit = "" if not units or not header or rng.random() < 0.4 else str(rng.choice(units.split()))
-            written = UNITS[unit]
+            written = written if group[:1] == ("dq_j1",) else UNITS[unit]  # rates have the unit of the positions
             if "mm" in units and not unit and rng.random() < 0.4:  # lengths whose unit only the writer knows
                 written = UNITS["mm"]
                 self.options |= {"unit": "mm"} if rng.random() < 0.6 else {}

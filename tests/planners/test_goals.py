@@ -134,6 +134,8 @@ def test_degrees_as_a_start_or_a_goal_are_asked_for() -> None:
     for goal, start, argument in ((robot.fk(q), np.rad2deg(q), "q_start"), (np.rad2deg(q), q, "q_goal")):
         with pytest.raises(InvalidInput, match=rf"^{argument}: .* rad; got .* rad; are these degrees\?$"):
             plan(robot, goal, start)
+    with pytest.raises(InvalidInput, match=r"^q_goal: .*are these degrees\?$"):
+        plan(robot, [0.0, -70.0, 80.0, -90.0, -90.0, 361.0], q)  # a little outside in degrees, too
     for far in (7.0, 500.0):  # an error of any unit; no degrees either
         with pytest.raises(InvalidInput, match=rf"got joint1 = {far:g} rad$"):
             plan(robot, q, [far, *q[1:]])

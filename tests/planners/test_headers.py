@@ -75,7 +75,7 @@ def test_numbers_are_the_joints_in_their_order_and_it_is_said(read: Callable[...
                  "t;/position/error/shoulder;/position/error/elbow;/position/error/wrist", "t;a1;a2;a3",
                  "t;pos_std_1;pos_std_2;pos_std_3"):  # fmt: skip
         with pytest.raises(
-            InvalidInput, match=r"line 1: .*; columns='t,shoulder,elbow,wrist' names all columns, ignore="
+            InvalidInput, match=r"line 1: .*; columns='t,shoulder,elbow,wrist' names all columns, ignore= leaves"
         ):
             read(head)
         check(read(head, columns="t,shoulder,elbow,wrist"))
@@ -88,9 +88,9 @@ def test_two_sets_of_columns_are_refused(read: Callable[..., Trajectory]) -> Non
     ):
         read(head)
     check(read(head, ignore="target_q_0,target_q_1,target_q_2"))
-    with pytest.raises(InvalidInput, match=r"ignore='shoulder_rad,elbow_rad,wrist_rad' leaves columns out"):
+    with pytest.raises(InvalidInput, match=r"ignore='shoulder_rad,elbow_rad,wrist_rad' or 'shoulder_deg,"):
         read("t;shoulder_deg;shoulder_rad;elbow_deg;elbow_rad;wrist_deg;wrist_rad")
-    with pytest.raises(InvalidInput, match=r"line 1: .*times: t, stamp;"):
+    with pytest.raises(InvalidInput, match=r"line 1: .*times: t, stamp;.* ignore='t' or 'stamp' leaves some out"):
         read("t;shoulder;elbow;wrist;stamp;x;y", ignore="x,y")
 
 
@@ -113,22 +113,103 @@ def test_units_come_from_the_header_the_size_or_the_option(read: Callable[..., T
         with pytest.raises(InvalidInput, match=r"line [23], column t: .* unit='ms', 'us' or 'ns'"):
             read("t;shoulder;elbow;wrist", times)
     with pytest.raises(
-        InvalidInput, match=r"^unit: expected units instead of none, which the file does not state.* got rad"
+        InvalidInput,
+        match=r"^unit: expected units instead of none, which the file does not state, or s, deg, which it states; got rad",
     ):
         read("t_s;shoulder_deg;elbow_deg;wrist_deg", unit="rad")
+    check(
+        read("t_ms;shoulder;elbow;wrist", (0, 500, 1000), deg, unit="ms,degrees")
+    )  # the unit of the header, and another
+    check(read("t;shoulder [°];elbow [°];wrist [°]", (0, 500, 1000), deg, unit="MSEC,DEG"))
+    with pytest.raises(InvalidInput, match=r"^unit: expected units instead of rad, .* or ms, which it states; got us"):
+        read("t_ms;shoulder;elbow;wrist", unit="us")
     for wrong in ("furlong", "ms,us", "ms,"):
         with pytest.raises(InvalidInput, match=r"^unit: expected units instead of s, rad, which"):
             read("t;shoulder;elbow;wrist", unit=wrong)
 
 
 def test_degrees_that_cannot_be_radians_are_asked_for(read: Callable[..., Trajectory]) -> None:
-    with pytest.raises(InvalidInput, match=r"line 4, column t_s: .* elbow = 28.6479; are these degrees\? unit='deg'"):
+    with pytest.raises(InvalidInput, match=r"line 4, column elbow: .* elbow = 28.6479; are these degrees\? unit='deg'"):
         read("t_s;shoulder;elbow;wrist", scale=180.0 / np.pi)
     check(read("t_s;shoulder;elbow;wrist", scale=180.0 / np.pi, unit="deg"))
     assert read("t_s;shoulder;elbow;wrist", scale=180.0 / np.pi, unit="rad")(1.0)[1] == pytest.approx(28.6479, abs=1e-4)
     assert read("t_s;shoulder_rad;elbow_rad;wrist_rad", scale=180.0 / np.pi)(1.0)[1] == pytest.approx(28.6479, abs=1e-4)
     assert read("t_s;shoulder;elbow;wrist", scale=10.0)(1.0)[1] == 5.0  # 2 rad too far can be meant, and is judged
     assert read("t_s;shoulder;elbow;wrist", scale=1000.0)(1.0)[1] == 500.0  # no degrees either
+
+
+def test_rates_without_units_have_those_of_the_positions(read: Callable[..., Trajectory]) -> None:
+    head = "t_s;shoulder_deg;elbow_deg;wrist_deg;vel_shoulder;vel_elbow;vel_wrist"
+    with pytest.warns(
+        AssumptionWarning, match="the velocities have no units, and are read in those of the positions/s"
+    ):
+        found = read(head, scale=180.0 / np.pi, unit="s,deg")
+    check(found)
+    np.testing.assert_allclose(found(0.5, 1), np.deg2rad([1.0, 2.0, 3.0]), rtol=0, atol=1e-12)
+
+
+def test_seconds_and_nanoseconds_are_added_only_as_parts_of_a_time(tmp_path: Path, arm: optik.Robot) -> None:
+    file = tmp_path / "log.csv"
+
+    def read_pair(head: str, *cells: str, **options: Any) -> Trajectory:
+        rows = [f"{x};{';'.join(map(repr, q))}" for x, q in zip(cells, Q, strict=True)]
+        file.write_text("\n".join([f"{head};shoulder;elbow;wrist", *rows]) + "\n")
+        return load_trajectory(file, arm, **options)
+
+    check(read_pair("stamp.sec;stamp.nanosec", "5;700000000", "6;200000000", "6.0;7e8"))
+    for head, cells in (
+        ("time_s;time_ns", ("0;0", "0.5;500000000", "1;1000000000")),  # the same times twice
+        ("t_sec;t_nsec", ("1700000000.0;1700000000000000000", "1700000001;1700000001000000000", "1700000002;17e17")),
+        ("timestamp [s];timestamp [ns]", ("0;0", "0.25;250000000", "0.5;500000000")),
+        ("t_s;t_ns", ("0;0", "0;-5", "1;0")),
+    ):
+        first, second = head.split(";")
+        with pytest.raises(InvalidInput) as refused:
+            read_pair(head, *cells)
+        assert f"ignore={first!r} or {second!r} leaves" in str(refused.value)
+    check(read_pair("time_s;time_ns", "0;0", "0.5;500000000", "1;1000000000", ignore="time_ns"))
+
+
+def make_arm(*names: str, kind: str = "revolute") -> optik.Robot:
+    joints = "".join(headers.JOINT.format(i + 1, i, name) for i, name in enumerate(names))
+    return optik.Robot.from_urdf(f'<robot name="arm"><link name="l0"/>{joints}</robot>'.replace("revolute", kind, 1))
+
+
+def test_numbers_of_columns_are_those_of_the_joints_names(tmp_path: Path) -> None:
+    file, six = tmp_path / "log.csv", [f"a_long_name_of_an_arm_joint{i}" for i in range(1, 7)]
+    for names, heads, at in (
+        ([f"joint{i}" for i in range(6)], [f"joint{i}" for i in range(1, 7)], None),  # joint1 is another joint
+        ([f"joint_{i}" for i in range(1, 7)], [f"joint_{i}" for i in range(6)], None),
+        (["j0", "j1"], ["j1", "j2"], None),
+        (["j0", "j1"], ["q1", "q2"], None),
+        (["j1", "j3", "j2"], ["position0", "position1", "position2"], None),
+        (["j1", "j3", "j2"], ["j_1", "j_2", "j_3"], [0, 2, 1]),
+        (["j_3_b", "j_2_a"], ["q2", "q3"], [1, 0]),
+        (six, [f"actual_q_{i}" for i in range(6)], [*range(6)]),  # indices from 0
+    ):
+        rows = [[0.0, *(0.0 for _ in heads)], [1.0, *(0.1 * i for i in range(len(heads)))]]
+        file.write_text("\n".join(";".join(map(str, row)) for row in [["t", *heads], *rows]) + "\n")
+        if at is None:
+            with pytest.raises(InvalidInput, match=r"positions: none; columns='t,"):
+                load_trajectory(file, make_arm(*names))
+            continue
+        with pytest.warns(AssumptionWarning) as told:
+            found = load_trajectory(file, make_arm(*names))
+        np.testing.assert_allclose(found(1.0), [0.1 * i for i in at], rtol=0, atol=1e-12)
+        assert f"{','.join(heads[i] for i in at)} are {','.join(names)}, by number" in str(told[0].message)
+
+
+def test_columns_that_may_be_positions_or_accelerations_are_named_both(tmp_path: Path) -> None:
+    (file := tmp_path / "log.csv").write_text("t,q1,q2,v1,v2,a1,a2\n0,0,0,0,0,0,0\n1,0.1,0.2,0,0,9,9\n")
+    with pytest.raises(InvalidInput, match=r"ignore='q1,q2' or 'a1,a2' leaves some out"):
+        load_trajectory(file, make_arm("a1", "a2"))
+    np.testing.assert_allclose(load_trajectory(file, make_arm("a1", "a2"), ignore="a1,a2")(1.0), [0.1, 0.2])
+
+
+def test_degrees_are_asked_for_beside_a_slider_and_a_little_outside_the_range(tmp_path: Path) -> None:
+    (file := tmp_path / "log.csv").write_text("t,rail,turn\n0,0,0\n1,-9,175\n")
+    with pytest.raises(InvalidInput, match=r"column turn: .* turn = 175; are these degrees\?"):
+        load_trajectory(file, make_arm("rail", "turn", kind="prismatic"))
 
 
 def test_messages_have_units_too(tmp_path: Path, arm: optik.Robot) -> None:
