@@ -42,7 +42,7 @@ SPELLINGS = {"radians": "rad", "degrees": "deg", "°": "deg", "sec": "s", "secs"
              "nsec": "ns", "nsecs": "ns", "nanosec": "ns", "nanosecs": "ns"}  # fmt: skip
 """Other spellings of units."""
 UNITS, PER = "|".join((*SPELLINGS, *chain(*UNIT_SIZES))), r"(?:(?:/|_|_per_)s(?:\^?2|²)?)?"
-"""Regular expressions of units, and of their ends."""
+"""Regular expressions of units, and of "per second" or "per second squared" after them."""
 UNIT_END = re.compile(rf"(?:^|[\W_])((?:{UNITS}){PER})[\])\s]*$", re.IGNORECASE)
 """The unit at the end of a header: x_mm, x [mm], dq [deg/s], header.stamp.nanosec."""
 Names = str | Iterable[str] | None
@@ -210,7 +210,7 @@ def read_number(cell: str) -> float:
 
 
 def split_unit(header: str) -> tuple[str, str]:
-    """Return the name in a header, and its unit, such as deg/s, or an empty string."""
+    """Return the name in a header without its unit, and the unit, such as deg/s, or an empty text."""
     found = UNIT_END.search(header)
     if found is None:
         return header, ""

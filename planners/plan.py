@@ -77,8 +77,8 @@ def plan(
         For a goal configuration: "nearest" lets joints without limits end whole turns away from it (`Plan.goal`); "exact" not.
     resolve, time_limit, reconfigurations : {"auto", "local"}, float, optional, and int
         Where following fails, "auto" searches sequences of configurations and freedoms along the whole path, within a budget of
-        work and this computing time [s], by default without one; "local" does not. So often the tool may leave the path for
-        another configuration, in a `ProgramPlan`.
+        configurations; "local" does not. `time_limit` [s] also limits the computing time of this search. `reconfigurations` is
+        how often the tool may leave the path for another configuration; if it does, the result is a `ProgramPlan`.
 
     Returns
     -------

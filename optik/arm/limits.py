@@ -332,7 +332,7 @@ class JointLimits:
 
 
 FAR_OUTSIDE = np.pi
-"""Excess over a range [rad] from which degrees are suspected: no encoder is half a turn off."""
+"""Excess over a range [rad] above which degrees are suspected, because no encoder is off by half a turn."""
 NEARLY_INSIDE = 0.1
 """Excess over a range [rad] of degrees that are meant."""
 
@@ -349,7 +349,7 @@ def warn_of_degrees(
 
 
 def ask_for_degrees(limits: JointLimits, turns: Flags, q: Array) -> str:
-    """Return a question about angles (..., n) [rad] far outside their ranges that would be inside in degrees, or nothing."""
+    """Return "are these degrees?" for angles (..., n) [rad] far outside their ranges that would be inside in degrees, or ""."""
     excess, other = (np.maximum(limits.lower - x, x - limits.upper)[..., turns] for x in (q, np.deg2rad(q)))
     return "are these degrees?" if (excess > FAR_OUTSIDE).any() and (other <= NEARLY_INSIDE).all() else ""
 

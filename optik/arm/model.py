@@ -430,7 +430,7 @@ def unit_names(arm: ArmModel) -> list[str]:
 
 
 def check_range(arm: ArmModel, q: Array, name: str) -> Array:
-    """Return joints, typed in degrees and millimetres, that are inside their ranges; warn of angles that may be radians."""
+    """Return typed joints if they are inside their ranges; warn of angles that look like radians."""
     if not arm.limits.contains(q):
         which, value, lower, upper, i = find_outside(arm, q)
         scale, unit = unit_factors(arm)[i], unit_names(arm)[i]

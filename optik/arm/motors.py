@@ -220,10 +220,10 @@ def find_outside(robot: Any, q: Array) -> tuple[str, float, float, float, int]:
 
 
 def refuse_motors(arm: Any, format: str) -> None:
-    """Raise RobotModelError for an arm with motors that a format has no place for."""
+    """Raise RobotModelError for an arm with motors, which a format cannot describe."""
     if arm.motors is not None:
         names = ", ".join(arm.motors.names)
-        raise RobotModelError(arm.name, f"its motors {names} are coupled, for which {format} has no place")
+        raise RobotModelError(arm.name, f"its motors {names} are coupled, which {format} cannot describe")
 
 
 def have_same_matrix(one: Motors | None, other: Motors | None) -> bool:

@@ -35,7 +35,7 @@ MOTOR_KEYS = ("matrix", "offset", "inertia", "viscous", "coulomb")
 PAYLOAD_KEYS = ("mass", "com", "inertia")
 """Keys of a payload: the fields of `Payload`."""
 ORIENTATIONS = {"rpy_deg": 3, "quaternion_wxyz": 4, "quaternion_xyzw": 4, "rotation_vector_rad": 3, "abc_deg": 3}
-"""Keys of an orientation, and their counts of numbers: abc_deg are KUKA's A, B, C, about z, y and x."""
+"""Keys of an orientation, with their numbers of values. abc_deg are KUKA's angles A, B, C about z, y, x."""
 LONGEST_ROTATION = 2.0 * np.pi + 1e-3
 """Longest rotation vector [rad]: longer ones are probably in degrees."""
 SHAPES_KEYS = ("link", "a", "b", "radius", "excess", "names", "apart", "source")
@@ -127,7 +127,7 @@ def read_vector(value: Any, argument: str, count: int = 3) -> Array:
 
 
 def read_pose(data: Any, argument: str, *, optional: tuple[str, ...] = ()) -> Array:
-    """Read a pose (4, 4) from a mapping with ``xyz_mm`` and one orientation, by default that of the frame."""
+    """Read a pose (4, 4) from a mapping with ``xyz_mm`` and at most one orientation; without one, that of the frame."""
     read_record(data, (), argument, optional=(*optional, "xyz_mm", *ORIENTATIONS))
     xyz = read_vector(data.get("xyz_mm", [0.0] * 3), f"{argument}.xyz_mm") / 1000.0
     kinds = [kind for kind in ORIENTATIONS if kind in data]
@@ -138,11 +138,11 @@ def read_pose(data: Any, argument: str, *, optional: tuple[str, ...] = ()) -> Ar
 
 
 def make_rotation(kind: str, values: Array, argument: str) -> Array:
-    """Return the rotation (3, 3) of an orientation."""
+    """Return the rotation matrix (3, 3) of an orientation in one of the `ORIENTATIONS`."""
     length, order = math.hypot(*values), kind.rpartition("_")[2]
     if kind.startswith("quaternion"):
         if not abs(length - 1.0) <= se3.QUATERNION_ERROR:
-            got = f"{values.tolist()} of length {length:.6g}"
+            got = f"[{', '.join(f'{x:.3g}' for x in values)}] of length {length:.6g}"
             raise InvalidInput(argument, got, f"a unit quaternion {', '.join(order)}")
         return se3.from_quaternion(values if order == "wxyz" else np.roll(values, 1))
     if kind == "rotation_vector_rad":

@@ -301,7 +301,8 @@ def check_start(robot: Robot, q0: ArrayLike, argument: str = "q0") -> Array:
         unit = "m" if robot.prismatic[i] else "rad"
         expected = f"every joint inside its limits, here [{lower:.6g}, {upper:.6g}] {unit}"
         asked = ask_for_degrees(robot.limits, ~robot.prismatic, q)
-        raise InvalidInput(argument, f"{name} = {value:.6g} {unit}", expected, advice=asked)
+        advice = f"{asked} np.deg2rad converts them" if asked else ""
+        raise InvalidInput(argument, f"{name} = {value:.6g} {unit}", expected, advice=advice)
     return q
 
 

@@ -1,8 +1,8 @@
 """Columns of a log: times, and positions, velocities and accelerations of joints, found by the words of the headers.
 
 A header is divided into words at separators, between letters and digits, and in camelCase. Its end may be a unit. A column of a
-joint has the joint's name, or a number: that of the joint's name, or where the names have none, one of those from 0 or 1. The
-other words are those of one quantity. Components of a path, such as the name of a topic, may have any words.
+joint contains the joint's name, or a number: such numbers count from 0 or 1, or are those of the joints' names if these have
+others. The other words name one quantity. Components of a path, such as the name of a topic, may contain any words.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ WORDS = (
     "ddq qdd qddot a acc accel acceleration accelerations",
     "@ j joint joints axis axes state states value values actual measured target desired command commanded",
 )  # fmt: skip
-"""Words of quantities by the order of the derivative, and words beside them; @ is the joint: A1 is an axis of KUKA's arms."""
+"""Words of positions, velocities and accelerations, and neutral words. @ stands for the joint; A1 is an axis of KUKA arms."""
 PLAIN = 3
-"""Index of the words without a quantity."""
+"""Index of the neutral words."""
 ORDERS = {word: order for order, words in enumerate(WORDS) for word in words.split()}
 """Order of the derivative of each word."""
 CONTRARY = {"error", "errors"}
-"""Words that make a quantity another one, also in a path."""
+"""Words that exclude a column, also in the name of a topic."""
 NUMBER, LONGEST_HEADER = re.compile(r"(?<!\d)\d{1,4}(?!\d)"), 200
 """Numbers of joints, and the longest header that is divided into words."""
 Columns = dict[str, TableColumn]
@@ -61,7 +61,7 @@ def read_log(table: TextTable, robot: Robot, names: list[str]) -> MessagePoints:
         known = "; ".join(f"{kind}: {', '.join(own) or 'none'}" for kind, own in found.items())[:200]
         others = " or ".join(map(repr, clocks))[:160] if len(clocks) > 1 + pair else ""
         advice = f"columns='t,{','.join(names)}' names all columns, ignore={others} leaves some out"
-        raise table.make_header_error(expected, f"found are {known}; {advice}")
+        raise table.make_header_error(expected, f"found: {known}; {advice}")
     table.refuse_others([*clocks, *used], expected)
     table, clock, sizes = table._replace(columns=clocks | used), [*clocks], [c.size for c in clocks.values()]
     begin = float(table.read_numbers(clock)[:1].sum())
@@ -114,12 +114,13 @@ def _find_sets(table: TextTable, robot: Robot, names: list[str]) -> dict[int, Co
                 raise InvalidInput(table.locate(), ",".join(both)[:160], expected, advice=advice)
             if len(own) == robot.n and order not in found:
                 found[order] = own
-                table.notes.extend([f"the columns {','.join(own)} are {','.join(names)}, by number"] * (not by_name))
+                words = f"the columns {','.join(own)} are read as joints {','.join(names)}, by their numbers"
+                table.notes.extend([words] * (not by_name))
     return found
 
 
 def _find_order(stem: str) -> int | None:
-    """Return the order of the derivative that the words around a joint state; None for another quantity."""
+    """Return the order of derivative given by the words around a joint; None for another quantity."""
     orders = {PLAIN}
     for part in re.split("[/.:]", stem):
         words = [word if word in ORDERS else word.lower() for word in _find_words(part) if not word.isdigit()]

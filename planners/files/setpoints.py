@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path as FilePath
 from typing import Any
 
@@ -38,6 +38,8 @@ ROS_TIME = 4.2e15
 """Least whole number without a unit that is a time in nanoseconds [ns]: microseconds since 1970 are smaller until 2103."""
 TURN = 2.0 * np.pi * (1.0 + 1e-6)
 """Largest range of wrapped positions [rad]."""
+OTHER_UNITS = {"s": "ms", "rad": "deg", "m": "mm"}
+"""Examples of other units."""
 SPLINE = "spline"
 """Interpolation of ROS 2's ``positions_upsampling``: cubic splines through positions, at rest at both ends."""
 
@@ -112,8 +114,8 @@ def _load(
         if suffix == ".csv":
             found = _convert(read_log(read_table(file, columns, ignore), robot, names), robot, unit)
             if found.assumed and unit != ():
-                assumed = ", ".join(found.assumed)
-                found.notes.append(f"no units in the header, read in {assumed}: unit= gives others, such as deg or ms")
+                assumed, like = ", ".join(found.assumed), _name_others(found.assumed)
+                found.notes.append(f"no units in the header: read in {assumed}; unit={like} states others")
         else:
             message = _find_message(from_text(decode_text(read_bytes(FilePath(file))), suffix))
             found = _convert(read_points(message, names, read_names(ignore, "ignore")), robot, unit)
@@ -130,7 +132,7 @@ def _load(
 
 
 def read_saved(file: str | os.PathLike[str]) -> tuple[Motion, bool] | None:
-    """Return the motion of a file that `save` wrote, and whether it has no rate; None for other files.
+    """Return the motion of a file that `save` wrote, and whether it is exact, not points at a rate; None for other files.
 
     Joints rounded to 16 digits give a piece of 1 ms a jerk that is off by 1e-5 rad/s³: the polynomials of the file are exact.
     """
@@ -150,9 +152,9 @@ def _check_arm(saved: Motion, exact: bool, robot: Robot, names: list[str], file:
     """Raise InvalidInput for a saved motion of other joints or motors, or exact polynomials in another order, or a unit."""
     own = [*maker_names(saved.robot)]
     if unit is not None:
-        raise InvalidInput("unit", repr(unit)[:60], f"none, because {file} states its units")
+        raise InvalidInput("unit", repr(unit)[:60], f"no unit=, because {file} states its units")
     if not have_same_matrix(saved.robot.motors, robot.motors):
-        raise InvalidInput(f"{file}: motors", "other motors, or another matrix", f"those of {robot.name}")
+        raise InvalidInput(f"{file}: motors", "motors with other names, matrix or offsets", f"those of {robot.name}")
     if {*own} != {*names} or (exact and own != names):
         raise InvalidInput(f"{file}: joint_names", ", ".join(own), f"those of {robot.name}, {', '.join(names)}")
 
@@ -171,8 +173,11 @@ def _convert(found: MessagePoints, robot: Robot, unit: Names) -> MessagePoints:
     others = [own for one in given if (own := "".join(split_unit(one))) not in found.stated]
     units, assumed = {bases.get(one, ""): one for one in others}, {one: one.partition("/")[0] for one in found.assumed}
     if len(units) < len(others) or not {*units} <= {*assumed.values()}:
-        known = f", or {', '.join(found.stated)}, which it states" * bool(found.stated)
-        expected = f"units instead of {', '.join(assumed) or 'none'}, which the file does not state{known}"
+        expected = "no unit=, because the file states all units"
+        if assumed:
+            known = f", or {', '.join(found.stated)}, which it states" * bool(found.stated)
+            which = f"units for {', '.join(dict.fromkeys(assumed.values()))}, which the file does not state"
+            expected = f"{which}, such as {_name_others(assumed)}{known}"
         raise InvalidInput("unit", ",".join(given)[:60], expected)
     if "s" in assumed and "s" not in units and found.begin >= ROS_TIME and not (found.t % 1.0).any():
         units["s"] = "ns"
@@ -186,8 +191,13 @@ def _convert(found: MessagePoints, robot: Robot, unit: Names) -> MessagePoints:
     return found
 
 
+def _name_others(assumed: Iterable[str]) -> str:
+    """Return an example of ``unit=`` for assumed units."""
+    return repr(",".join(dict.fromkeys(OTHER_UNITS[one.partition("/")[0]] for one in assumed)))
+
+
 def _check_meant(found: MessagePoints, robot: Robot) -> None:
-    """Raise InvalidInput for times and positions without units that cannot be meant in seconds and radians."""
+    """Raise InvalidInput for times and positions without units that are implausible in seconds and radians."""
     far = (np.abs(found.t + found.begin) > LATEST) | (np.diff(found.t, prepend=0.0) > LONGEST_STEP)
     for i in np.flatnonzero(far & ("s" in found.assumed)).tolist()[:1]:
         expected = f"times within {LATEST:g} s, and steps of at most {LONGEST_STEP:g} s"
@@ -224,7 +234,7 @@ def _build(
     elif found.begin:
         found.notes.append(f"the motion starts at the first time, {found.begin:.15g} s")
     if t.size < 2:
-        expected = "at least two, or a later one and start=Q, the configuration at 0 s"
+        expected = "at least two points; or one point after 0 s and start=Q, the configuration at 0 s"
         raise InvalidInput(found.locate(0), "one point", expected)
     values[0] = _remove_turns(t, values[0], robot, unwrap, lambda i, j: found.locate(i - first, j))
     if interpolation == SPLINE:  # through the points; the controller reaches the first one from the start

@@ -18,7 +18,7 @@ from planners.following.follower import START_TOLERANCE, Follower, FollowResult
 from planners.following.joint_path import IKRecord, JointPath
 from planners.following.resolve.graph import Sequence
 from planners.paths.base import Path
-from planners.paths.free_path import FreePath
+from planners.paths.free_path import CoordinateRange, FreePath
 
 __all__ = ["FollowResult", "FollowStatus", "IKRecord", "JointPath", "PlanFailure", "follow"]
 
@@ -66,7 +66,8 @@ def follow(
     resolve : {"auto", "local"}
         ``"auto"`` searches among all configurations of a redundant arm where its null-space motion fails; ``"local"`` does not.
     time_limit : float, optional
-        Computing time of this search [s], beside its budget of work: with it a loaded machine may find less.
+        Largest computing time of this search [s], in addition to its budget of configurations. With a limit, a loaded machine
+        may find less.
 
     Returns
     -------
@@ -99,13 +100,20 @@ def make_follower(
 
 
 def read_time_limit(resolve: str, time_limit: float | None) -> float:
-    """Return the computing time [s] of a resolution of the whole path, infinite without a limit, 0 if there is none."""
+    """Return the computing time [s] of the search along the whole path: infinite without a limit, 0 without a search."""
     if not isinstance(resolve, str) or resolve not in RESOLVES:
         raise InvalidInput("resolve", repr(resolve)[:60], " or ".join(f'"{name}"' for name in RESOLVES))
     seconds = np.inf
     if time_limit is not None:
         seconds = check_number(time_limit, "time_limit", "seconds above 0, or None", above=0.0)
     return seconds if resolve == "auto" else 0.0
+
+
+def _describe(one: CoordinateRange) -> str:
+    """Return the allowed values of a coordinate in words, angles also in degrees."""
+    low, high = one.allowed
+    degrees = f" ([{np.degrees(low):.3g}, {np.degrees(high):.3g}]°)" if one.unit == "rad" else ""
+    return f"{one.name} in [{low:g}, {high:g}] {one.unit}{degrees}"
 
 
 def _check_start(
@@ -133,7 +141,6 @@ def _check_start(
             within = f"within {1e3 * START_TOLERANCE:g} mm and {np.degrees(START_TOLERANCE):.2g}°"
             expected = f"a configuration on the path's start ({within})"
             if isinstance(path, FreePath) and len(path.screws):
-                words = (f"{one.name} in [{one.allowed[0]:g}, {one.allowed[1]:g}] {one.unit}" for one in path.ranges)
-                expected += f", but for its freedoms: {', '.join(words)}"
+                expected += f", or with freedoms inside their ranges: {', '.join(map(_describe, path.ranges))}"
             raise InvalidInput("q_start", got, expected)
     return q, branch

@@ -116,7 +116,7 @@ class JointPath(PiecewiseCurve):
 
 
 def cut_joints(joints: JointPath, path: Path, begin: float) -> JointPath:
-    """Return the joints from an s on, as those of a path that is this part."""
+    """Return the part of a joint path from `begin` on, as the joint path of `path`."""
     s, record, until = joints.knots, joints.ik, begin + path.end
     ends = np.array([begin, until])
     inner, own, at = (s > begin) & (s < until), (record.s >= begin) & (record.s <= until), np.searchsorted(s, ends)

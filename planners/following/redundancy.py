@@ -159,9 +159,9 @@ class NullSpaceMotion:
         return True
 
     def guide(self) -> Guide:
-        """Return the guide through the configurations and the null spaces there; behind the last one by its Taylor polynomial.
+        """Return the guide through the configurations and their null spaces.
 
-        A guide that were constant behind the last station would have a kink there, and q' with it.
+        After the last one it continues as a Taylor polynomial. A constant continuation would have a kink, and so would q'.
         """
         s, N = self.s, self.N
         k, n, d = N.shape

@@ -35,7 +35,7 @@ from planners.timing.base import StopKind, speed_bound
 from planners.trajectory import Trajectory
 
 FAR_SLOWER, SLOWNESS_POINTS = 30.0, 257
-"""Ratio of a duration to that at the limits on velocities from which a plan says where it is slow; points of its path."""
+"""Ratio to the duration at the velocity limits above which a plan reports where it is slow; number of points for this."""
 
 
 class PlanSeconds(NamedTuple):
@@ -182,7 +182,7 @@ class Plan:
 
     @property
     def slowness(self) -> str | None:
-        """Where a motion is far slower than its limits on velocities require, in words; None if it is not."""
+        """Where a motion is far slower than its velocity limits require, in words; None if it is not."""
         if not self or self.prefix is None or self.speed is not None or self.span is not None:
             return None
         s, t = np.linspace(0.0, self.prefix.end, SLOWNESS_POINTS), np.linspace(0.0, self.duration, SLOWNESS_POINTS)
@@ -190,9 +190,9 @@ class Plan:
         times = self.duration / (least + compute_least_duration(np.ptp(self.prefix(s), axis=0), self.limits))
         at = s[np.bincount(np.searchsorted(s, [self.certificate.s_at(x) for x in t])).argmax()]
         words = (
-            f"  slow: {times:.3g} times as long as the limits on velocities require; the joints turn sharply near s = "
+            f"  slow: {times:.3g} times as long as the velocity limits require; most time is spent near s = {at:.4g}"
         )
-        return f"{words}{at:.4g} {self.path.unit}" if times > FAR_SLOWER else None
+        return f"{words} {self.path.unit}" if times > FAR_SLOWER else None
 
     @property
     def has_motion(self) -> bool:

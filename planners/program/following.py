@@ -41,7 +41,7 @@ GAP = 1e-6
 MOST_MOVED = 3.0
 """Largest distance of the tool from a part whose gap fades out along it, over the largest gap."""
 SMOOTH = 1e-6
-"""Largest difference of the twists, and of their first two derivatives, between two parts of which one goes smoothly on."""
+"""Largest difference of the twists and their first two derivatives where two parts meet that counts as smooth."""
 NO_GAP = 1e-12
 """Rounding of the joints [rad, m] where the tool's path is solved for again."""
 FOLLOWED = 0.95
@@ -68,7 +68,7 @@ class Options(NamedTuple):
 class Leg(NamedTuple):
     """A part that was followed: its arm, path, joint path if the path is Cartesian, and the configurations at its ends.
 
-    A path of length 0 has no joint path: there is nothing to do.
+    A part of length 0 has no joint path.
     """
 
     part: int
@@ -100,7 +100,7 @@ class PartFollower:
 
     @cached_property
     def _ahead(self) -> dict[int, JointPath]:
-        """Parts that were followed together with one before them."""
+        """Joint paths of parts that were followed together with an earlier part."""
         return {}
 
     @cached_property
@@ -241,7 +241,7 @@ class PartFollower:
         return Leg(k, robot, path, joints, (q, joints.q[-1]))
 
     def _follow_on(self, k: int, path: Path, q: Array) -> Any:
-        """Return a part followed from a configuration; of a redundant arm with those that go smoothly on from it."""
+        """Follow a part from a configuration; for a redundant arm, together with the parts that continue it smoothly."""
         known, robot, paths = self._ahead.pop(k, None), self.robots[k], [path]
         if known is not None and np.array_equal(known.q[0], q):
             return FollowResult(known, None)
@@ -256,7 +256,7 @@ class PartFollower:
         return self._follow_path(robot, path, None if path.in_joints else q, None)
 
     def _find_further(self, k: int, path: Path) -> Path | None:
-        """Return the path of the part after part k if it goes on from a path without a stop, a corner or a bend."""
+        """Return the path of the part after part k if it continues a path smoothly, without a stop."""
         parts, after = self.program.parts, self.robots[k + 1 : k + 2]
         if path.in_joints or parts[k].blend == 0.0 or after != [self.robots[k]] or parts[k + 1].avoid is not False:
             return None

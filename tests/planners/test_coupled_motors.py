@@ -156,9 +156,11 @@ def test_a_motion_file_is_refused_for_another_matrix(suffix: str, rate: float | 
     other, shifted = arm(MATRICES["random"]), replace(found.robot.motors, offset=found.robot.motors.offset + 0.1)
     plain = replace(optik.load("puma560"), joint_names=found.robot.joint_names)
     for wrong in (other, plain, optik.load("puma560").with_motors(shifted.matrix, offset=shifted.offset, names=NAMES)):
-        with pytest.raises(InvalidInput, match=r"motors: expected those of .*; got other motors, or another matrix"):
+        with pytest.raises(
+            InvalidInput, match=r"motors: expected those of .*; got motors with other names, matrix or offsets"
+        ):
             load_trajectory(file, wrong)
-    with pytest.raises(InvalidInput, match=r"^unit: expected none, because .* states its units"):
+    with pytest.raises(InvalidInput, match=r"^unit: expected no unit=, because .* states its units"):
         load_trajectory(file, found.robot, unit="deg")
 
 

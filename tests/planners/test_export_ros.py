@@ -508,7 +508,7 @@ WRONG: dict[str, tuple[Callable[[Any], Any], str]] = {
     "names of another arm": (lambda m: m.update(joint_names=list("abcdef")), "joint_names"),
     "a name twice": (lambda m: m.update(joint_names=[*NAMES[:5], "joint1"]), "joint_names"),
     "no points": (lambda m: m.pop("points"), "points"),
-    "one point": (lambda m: m.update(points=m["points"][:1]), "at least two, or a later one and start=Q"),
+    "one point": (lambda m: m.update(points=m["points"][:1]), "at least two points; or one point after 0 s and start=Q"),
     "a point that is none": (lambda m: m["points"].insert(1, 3), "points"),
     "no time": (lambda m: m["points"][1].pop("time_from_start"), r"points\[1\].time_from_start"),
     "times of ROS 1 and 2": (with_time(1, {"sec": 0, "nsecs": 5}), "secs and nsecs of ROS 1"),

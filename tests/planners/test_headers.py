@@ -68,7 +68,8 @@ def test_words_state_the_order_of_the_derivative(read: Callable[..., Trajectory]
 def test_numbers_are_the_joints_in_their_order_and_it_is_said(read: Callable[..., Trajectory]) -> None:
     for head in ("t;J1;J2;J3", "t;q_0;q_1;q_2", "t;axis1;axis2;axis3"):
         with pytest.warns(
-            AssumptionWarning, match=f"the columns {head[2:].replace(';', ',')} are shoulder,elbow,wrist, by"
+            AssumptionWarning,
+            match=f"the columns {head[2:].replace(';', ',')} are read as joints shoulder,elbow,wrist, by",
         ):
             check(read(head))
     for head in ("t;q2;q3;q4", "t;q1;q2;q4", "t;m1;m2;m3", "t;effort1;effort2;effort3", "t;error1;error2;error3",
@@ -114,17 +115,19 @@ def test_units_come_from_the_header_the_size_or_the_option(read: Callable[..., T
             read("t;shoulder;elbow;wrist", times)
     with pytest.raises(
         InvalidInput,
-        match=r"^unit: expected units instead of none, which the file does not state, or s, deg, which it states; got rad",
+        match=r"^unit: expected no unit=, because the file states all units; got rad$",
     ):
         read("t_s;shoulder_deg;elbow_deg;wrist_deg", unit="rad")
     check(
         read("t_ms;shoulder;elbow;wrist", (0, 500, 1000), deg, unit="ms,degrees")
     )  # the unit of the header, and another
     check(read("t;shoulder [°];elbow [°];wrist [°]", (0, 500, 1000), deg, unit="MSEC,DEG"))
-    with pytest.raises(InvalidInput, match=r"^unit: expected units instead of rad, .* or ms, which it states; got us"):
+    with pytest.raises(
+        InvalidInput, match=r"^unit: expected units for rad, .*, such as 'deg', or ms, which it states; got us"
+    ):
         read("t_ms;shoulder;elbow;wrist", unit="us")
     for wrong in ("furlong", "ms,us", "ms,"):
-        with pytest.raises(InvalidInput, match=r"^unit: expected units instead of s, rad, which"):
+        with pytest.raises(InvalidInput, match=r"^unit: expected units for s, rad, which .*, such as 'ms,deg'; got"):
             read("t;shoulder;elbow;wrist", unit=wrong)
 
 
@@ -196,7 +199,9 @@ def test_numbers_of_columns_are_those_of_the_joints_names(tmp_path: Path) -> Non
         with pytest.warns(AssumptionWarning) as told:
             found = load_trajectory(file, make_arm(*names))
         np.testing.assert_allclose(found(1.0), [0.1 * i for i in at], rtol=0, atol=1e-12)
-        assert f"{','.join(heads[i] for i in at)} are {','.join(names)}, by number" in str(told[0].message)
+        assert f"{','.join(heads[i] for i in at)} are read as joints {','.join(names)}, by their numbers" in str(
+            told[0].message
+        )
 
 
 def test_columns_that_may_be_positions_or_accelerations_are_named_both(tmp_path: Path) -> None:
@@ -225,5 +230,5 @@ def test_messages_have_units_too(tmp_path: Path, arm: optik.Robot) -> None:
     times = [{"sec": 0, "nanosec": 500_000_000 * k} for k in range(2)]
     file.write_text(json.dumps({"joint_names": headers.NAMES, "time_from_start": times, "positions": Q[:2]}))
     assert load_trajectory(file, arm).duration == 0.5
-    with pytest.raises(InvalidInput, match=r"^unit: expected units instead of rad.* got ms,deg"):
+    with pytest.raises(InvalidInput, match=r"^unit: expected units for rad.* got ms,deg"):
         load_trajectory(file, arm, unit="ms,deg")

@@ -256,7 +256,7 @@ def test_a_plan_that_met_its_time_limit_says_so(monkeypatch: pytest.MonkeyPatch)
     assert found.resolution is not None and found.resolution.limited
     assert "ended by time_limit" in str(found)
     assert found.to_dict()["resolution"]["limited"]
-    assert found or "time_limit: a longer one may find more" in found.failure.reason  # type: ignore[union-attr]
+    assert found or "time_limit: a larger limit may find more" in found.failure.reason  # type: ignore[union-attr]
 
 
 def test_the_budget_of_work_ends_a_search(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -119,7 +119,7 @@ def test_one_later_point_is_a_motion_from_the_start(read: Callable[..., Trajecto
     np.testing.assert_allclose(found(2.0), [0.3, 0.15], rtol=0, atol=1e-15)
     np.testing.assert_allclose(found(np.array([0.0, 2.0]), 1), np.zeros((2, 2)), rtol=0, atol=1e-15)
     later["points"][0]["time_from_start"] = 0.0
-    with pytest.raises(InvalidInput, match="expected at least two, or a later one and start=Q"):
+    with pytest.raises(InvalidInput, match="expected at least two points; or one point after 0 s and start=Q"):
         read(later)
 
 
@@ -317,7 +317,7 @@ def test_a_saved_motion_is_read_for_an_arm_with_other_names(tmp_path: Path, two:
         ("time,j1,j2\n0,0,0\n1,0,0\n1,0,0\n", "line 4, column time"),
         ("time,j1,j2\n0,0,0\n", "one point"), ("\x00\x00", "line 1"), ("[" * 60_000, "line 1"), ("(" * 60_000 + " ", "line 1"),
         ('a' + '"' * 60_001, "line 1"), (" " * 60_000 + "x", "line 1"), ("time,j1,j2,j1\n", "different columns"),
-        ("time,t,j1,j2\n0,0,0,0\n1,1,0,0\n", "found are times: time, t; .* ignore='time' or 't' leaves"),
+        ("time,t,j1,j2\n0,0,0,0\n1,1,0,0\n", "found: times: time, t; .* ignore='time' or 't' leaves"),
         ("time,j1,j2,ddq_j1,ddq_j2\n0,0,0,0,0\n1,0,0,0,0\n", "accelerations: ddq_j1, ddq_j2; columns='t,j1,j2'"),
     ],
     ids=range(15),

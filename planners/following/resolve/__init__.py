@@ -37,15 +37,15 @@ class Resolution(NamedTuple):
     seconds : float
         Computing time [s].
     stuck : (2,) tuple of float, or None
-        Positions between which no configuration goes on [m, or rad].
+        Positions between which no configuration continues [m, or rad].
     cuts : tuple of float
         Positions of reconfigurations [m, or rad].
     reason : str
-        Why no configuration goes on.
+        Why no configuration continues.
     reached : bool
         Whether configurations were found there.
     limited : bool
-        Whether the search ended by its ``time_limit``: with a longer one, or on a faster computer, more may be found.
+        Whether the search ended by its ``time_limit``: with a larger one, or on a faster computer, more may be found.
     """
 
     layers: int
@@ -110,11 +110,12 @@ def resolve(
 
 
 def _explain(sampler: Sampler, path: Path, stuck: tuple[float, float]) -> tuple[str, bool]:
-    """Return why no configuration goes on between two positions, and whether there are some at the second one."""
+    """Return why no configuration continues from one position to another, and whether there are some at the second one."""
     a, b = stuck
     if sampler.is_over:
-        budget = "time_limit: a longer one may find more" if sampler.met else f"budget of {MOST_WORK:,} configurations"
-        return f"the search among all configurations was not finished within its {budget}", True
+        budget = f"its budget of {MOST_WORK:,} configurations"
+        budget = "time_limit: a larger limit may find more" if sampler.met else budget
+        return f"the search among all configurations was not finished within {budget}", True
     found = sampler.draw(path.pose(b)[None], EXPLAINING_DRAWS)[0]
     touching = found[sampler.rooms(found) <= 0.0]
     at = f"that were found at s = {b:.6g}"
@@ -124,5 +125,5 @@ def _explain(sampler: Sampler, path: Path, stuck: tuple[float, float]) -> tuple[
         why = f"all {len(found)} configurations {at} are in contact, mostly {sampler.name_contact(touching)}"
     else:
         why = f"none of the {len(found) - len(touching)} configurations {at} continues one before it"
-    where = f"between s = {a:.6g} and {b:.6g} {path.unit} no other goes on: " if a < b else ""
+    where = f"no other configuration continues from s = {a:.6g} to s = {b:.6g} {path.unit}: " if a < b else ""
     return f"{where}{why}", bool(len(found))

@@ -24,9 +24,9 @@ SAMPLES_PER_COEFFICIENT = 4
 MORE_COEFFICIENTS = (1.0, 1.5, 2.5, 5.0)
 """Numbers of coefficients, over that of the path, that are fitted until one can be followed."""
 GUESSES: tuple[tuple[dict[str, float], int], ...] = (({"turn": np.inf}, 5), ({"turn": np.inf, "tilt": 0.3}, 3))
-"""Freedoms [rad] with which sequences are found for the choice, and how many."""
+"""Freedoms [rad] in which guesses are searched for, and the number of guesses."""
 ENDS, SAME_WAY = [0, -1], 0.1
-"""Sequences whose configurations at both ends are nearer than this [rad, m] are one guess."""
+"""Sequences whose end configurations differ by less than this [rad, m] count as one guess."""
 MOST_CAUTION = 3
 """Degrees of caution of the relaxation that are tried."""
 
@@ -93,10 +93,10 @@ class Resolver:
         return found if made.stuck is None else [], made
 
     def guess(self, count: int) -> tuple[list[FreeWay], Resolution]:
-        """Return sequences for the choice of the coefficients, moved into the ranges of the freedoms.
+        """Return sequences as initial guesses, clipped to the ranges of the freedoms.
 
-        They are found with a free turn, and where it is free with a tilt, too, whatever the ranges are: more freedom has the
-        guesses of less, and chooses nothing worse.
+        The search uses an unlimited turn and, if the tilt is free, also a tilt, whatever the ranges are. So more freedom starts
+        from the same guesses, or from more.
         """
         path, ways = self.path, list[FreeWay]()
         assert isinstance(path, FreePath)
@@ -104,7 +104,7 @@ class Resolver:
             wide = FreePath(self.given, {kind: (-top, top) for kind, top in kinds.items()})
             resolver = Resolver(self.sampler.own, wide, self.sampler.collision, self._time_limit)
             found, made = resolver.find(None, held=False, many=False, count=min(most, count))
-            if made.limited:  # what the clock has cut off must not decide
+            if made.limited:  # a search that the clock ended is not repeatable
                 break
             for s, q, f in (resolver.relax(parts[0]) for parts in found):
                 values = np.tile(path.coefficients[:1], (len(s), 1))

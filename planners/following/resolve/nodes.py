@@ -35,10 +35,10 @@ move far for a small change of the freedoms."""
 SAME_ROOT = 1e-5
 """Configurations nearer than this [rad, m] are one root of an arm with six joints."""
 EACH_GIVEN = 4
-"""Of so many guesses one has the freedoms at their given values."""
+"""One guess in this number has the given values of the freedoms."""
 MOST_WORK, DRAW_WORK = 1_500_000, 8
-"""Configurations that are moved or judged in one search, and as how many of them a random guess counts: both take about 10 s on
-one core among few obstacles."""
+"""Largest number of configurations that one search moves or checks, and the number that a random guess counts as. Either kind
+alone uses this budget up in about 10 s, on one core among few obstacles."""
 
 
 class Layer(NamedTuple):
@@ -66,7 +66,7 @@ class Sampler:
     collision : CollisionCheck or None
         The arm in its scene.
     time_limit : float
-        Computing time [s] after which no more configurations are sought, beside the budget of work; may be infinite.
+        Largest computing time of a search [s], in addition to its budget of configurations; may be infinite.
     discs : tuple of (int, float)
         First of two joints whose values lie in a disc, and its radius.
     """
@@ -100,7 +100,7 @@ class Sampler:
 
     @property
     def is_over(self) -> bool:
-        """Whether the budget of work is spent, or the computing time over, which is noted."""
+        """Whether the budget is used up or the time limit has passed; records the latter in `met`."""
         self.met = self.met or perf_counter() > self._deadline
         return self.met or self.work > MOST_WORK
 
@@ -153,7 +153,7 @@ class Sampler:
         return layers if self.redundant else [keep_different(layer, SAME_ROOT, 0.0) for layer in layers]
 
     def _confine(self, q: Array, poses: Array, steps: int) -> None:
-        """Move freedoms, in place, into their ranges and discs; the arm's own joints then reach the poses."""
+        """Clip freedoms in place to their ranges and discs, and correct the arm's joints to reach the poses."""
         n = self.own.n
         values = self._freedoms.clip(q[:, n:])
         out = np.flatnonzero((values != q[:, n:]).any(axis=1))
