@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from optik.arm.limits import ask_for_degrees
 from optik.arm.robot import Robot
 from optik.check import check_number, real_array
 from optik.errors import InvalidInput
@@ -55,12 +56,12 @@ SCATTERS, MOST_TOLERANCE = 4.0, 4.0
 LATEST = 0.98
 """Latest entry into a chunk, over its duration."""
 LONGEST_WAIT = 10.0
-"""Longest wait for a chunk that is observed in the future [s]."""
-WORK, LEAST_SPANS, LOADED, PROOF = 40, 100, 230, 10
-"""Work of one call for each joint and span of the reference, in intervals times iterations; least number of spans that count;
-the number that counts with limits of the whole arm; and the work of the proof of an interval with these."""
-SLOW = (2.0, 0.06)
-"""Durations of a motion, and of a span of its reference, above which its pieces are longer: a slow motion needs no more [s]."""
+"""Longest wait for a chunk that is observed in the future [s]; with its duration, the longest delay of one that has ended."""
+WORK, PROOF = 350_000, 20
+"""Work of one call, in intervals times iterations; and that of the proof of an interval with limits of the whole arm."""
+SLOW, COUNTED = (1.5, 0.045), 600
+"""Durations of a motion, and of a span of its reference, above which its pieces are longer: a slow motion needs no more [s];
+and the largest number of spans that count, with which `WORK` suffices for seven joints."""
 ENTRIES = np.linspace(0.0, 0.95, 8)
 """Instants of entries into a plan whose durations are computed, over the plan's duration."""
 
@@ -175,7 +176,8 @@ class Retargeter:
         if n != self.robot.n:
             raise InvalidInput("onto", f"targets of {n} joints", f"{self.robot.n}, of {self.robot.name}")
         end = (m - 1) / chunk.rate
-        if self.align == "clock" and not -LONGEST_WAIT <= age <= end:
+        latest, earliest = (end, -LONGEST_WAIT) if self.align == "clock" else (2.0 * end + LONGEST_WAIT, -np.inf)
+        if not earliest <= age <= latest:
             when = f"{age:.6g} s before at, and lasts {end:.3g} s" if age > 0.0 else f"{-age:.6g} s after at"
             return f"observed is {when}: is it the time of another clock?"
         return refuse_targets(np.asarray(chunk.points), self.robot)
@@ -273,7 +275,8 @@ class Retargeter:
         if outside.any():
             i = int(outside.argmax())
             expected = f"a value in [{low[i]:.6g}, {high[i]:.6g}]"
-            raise InvalidInput("onto", f"{q[i]:.6g} for {self.robot.joint_names[i]}", expected)
+            asked = ask_for_degrees(self.robot.limits, ~self.robot.prismatic, q)
+            raise InvalidInput("onto", f"{q[i]:.6g} for {self.robot.joint_names[i]}", expected, advice=asked)
         goal = np.stack([q, 0.0 * q, 0.0 * q])
         arrived = (np.abs(X - goal).max(axis=1) < ARRIVED).all()
 
@@ -310,7 +313,7 @@ class ChunkFollower:
 
     def __init__(self, engine: Retargeter, X: Array, chunk: Chunk, age: float) -> None:
         self._engine, self._X, n = engine, X, engine.robot.n
-        P, rate, repaired, clipped, jumps = read_targets(chunk, engine.robot, engine.free, engine.ranges, X[0], age)
+        P, rate, repaired, clipped, jumps = read_targets(chunk, engine.robot, engine.free, engine.ranges)
         self._extent = P.min(axis=0), P.max(axis=0)
         spans, end = min(len(P) - 1, MOST_SPANS), (len(P) - 1) / rate
         self._c, self._h = np.empty((spans + 5, n)), end / spans
@@ -320,14 +323,16 @@ class ChunkFollower:
         s0 = min(max(age, 0.0), LATEST * end)
         if engine.align == "nearest" and s0 > 0.0:
             places = np.linspace(0.0, s0, TRIED)
-            away = np.abs(self._sample(places, 1)[:, 0] - X[0]).max(axis=1)
+            away = np.abs(unwind(engine.robot, self._sample(places, 1)[:, 0], X[0]) - X[0]).max(axis=1)
             s0 = float(places[np.flatnonzero(away <= away.min() + engine.tolerance)[-1]])  # nearer ones are noise
+        place = self._sample(np.array([s0]), 1)[0, 0]
+        self._c += unwind(engine.robot, place, X[0]) - place
         skipped = ceil(s0 * chunk.rate - 1e-9)
         counts = {"skipped": skipped, "repaired": repaired, "clipped": clipped, "jumps": jumps}
         self._facts: dict[str, Any] = counts | {"scatter": scatter}
         # A chunk observed in the future begins then, if it is entered by its clock.
         self._wait = max(-age, 0.0) if engine.align == "clock" else 0.0
-        self._budget = WORK * n * (LOADED if engine.others else max(spans, LEAST_SPANS))
+        self._budget = WORK
         self._s = np.linspace(s0, end, int(min(max(PLACES[0], (end - s0) / APART), PLACES[1])))
         self._R = self._sample(self._s, 4)
 
@@ -345,10 +350,11 @@ class ChunkFollower:
         facts = self._facts | {"reference": Reference(self._c, self._h, when, s, self._error)}
         targets = self._sample(s, 1)[:, 0].copy()
         j, used, knots, count, c = track(self._X, box, when, targets, longest, self._budget)
-        self._budget -= used + (PROOF * knots.size if engine.others else 0)
+        self._budget -= used + PROOF * knots.size
         if j == -2:
-            words = f"not found within the budget of work: the chunk takes {when[-1]:.3g} s, a part of it less"
-            return _Attempt(None, words, facts)
+            why = f"its motion takes {when[-1]:.3g} s in pieces of at most {longest:.2g} s"
+            mend = "send fewer targets or a shorter chunk, or set a larger longest"
+            return _Attempt(None, f"not found within the budget of work of one call, because {why}: {mend}", facts)
         if j >= 0:
             return _Attempt(None, f"no motion of {engine.robot.joint_names[j]} within its limits was found", facts)
         return _Attempt(JointCubics(knots, count, c), "", facts)
@@ -367,7 +373,7 @@ class ChunkFollower:
         sweep(s, rows, cap, first * first, min(LEAST_PACE, pace) ** 2, x, t)
         ramp = np.minimum(box[:, 2, 1], -box[:, 2, 0]) / np.minimum(box[:, 3, 1], -box[:, 3, 0])
         width = max(float(ramp.max()), SHORTEST_WINDOW)
-        longest = engine.longest * max(1.0, float(t[-1] / (SLOW[0] + SLOW[1] * (s[-1] - s[0]) / self._h)))
+        longest = engine.longest * max(1.0, float(t[-1] / (SLOW[0] + SLOW[1] * min((s[-1] - s[0]) / self._h, COUNTED))))
         step = 0.5 * longest
         when = np.arange(0.0, min(t[-1] + 0.5 * width, MOST_PIECES * longest) + 2.0 * step, step)
         out = np.empty_like(when)
