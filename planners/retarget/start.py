@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import scipy
 
+from optik.arm.limits import ask_for_degrees
 from optik.check import format_value, real_array
 from optik.errors import InvalidInput
 from planners.retarget.cubics import BRIEF_REST
@@ -16,6 +17,8 @@ from planners.trajectory import Trajectory, join, make_rest
 
 AT_REST = 1e-9
 """Largest velocity of a joint at the end of a motion that ends at rest [rad/s, m/s]."""
+ROUNDED = 1e-6
+"""Excess over a range up to which a start is clipped to it, as the rounding of an encoder [rad, m]."""
 
 
 def begin(engine: Retargeter, start: Any, argument: str) -> Trajectory:
@@ -32,8 +35,16 @@ def begin(engine: Retargeter, start: Any, argument: str) -> Trajectory:
         X = real_array(start, argument, expected)
         X = np.stack([X, *np.zeros((2, X.size))]) if X.ndim == 1 else X
         rests = not X[1:].any()
-    if X.shape != (3, n) or (curve is None and not (np.isfinite(X).all() and robot.limits.contains(X[0]))):
+    if X.shape != (3, n) or not np.isfinite(X).all():
         raise InvalidInput(argument, format_value(start, 60), expected)
+    if curve is None:
+        excess = np.abs(X[0] - robot.limits.clip(X[0]))
+        if excess.max() > ROUNDED:
+            i = int(excess.argmax())
+            words = f"{X[0, i]:.6g} for {robot.joint_names[i]}, {excess[i]:.3g} outside its range"
+            asked = ask_for_degrees(robot.limits, ~robot.prismatic, X[0])
+            raise InvalidInput(argument, words, expected, advice=asked)
+        X = np.stack([robot.limits.clip(X[0]), *X[1:]])
     if rests:
         return curve or make_rest(X[0], 3.0 * BRIEF_REST)
     moving = scipy.interpolate.PPoly((X / [[1.0], [1.0], [2.0]])[::-1, None], np.array([0.0, BRIEF_REST]))
