@@ -45,8 +45,7 @@ def retarget(
     align : {"nearest", "clock"}
         Enter the chunk where it is nearest to the arm within the tolerance, not later than by its clock; or by its clock.
     longest : float
-        Longest duration of a piece of the motion [s]; shorter pieces follow more closely and take more computing time. Pieces of
-        motions over 1.5 s and 45 ms for each target last longer.
+        Longest duration of a piece [s]: shorter ones follow more closely, at more computing time. Slow motions have longer ones.
     scene : Scene, optional
         Obstacles, which the motion is proved to avoid.
     robot : Robot, optional

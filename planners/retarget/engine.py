@@ -53,6 +53,8 @@ ARRIVED = (1e-10, 1e-12, 1e-12)
 """Distances from a goal at rest in position, velocity and acceleration that are rounding [rad, rad/s, rad/s², or m]."""
 SCATTERS, MOST_TOLERANCE = 4.0, 4.0
 """Scatters of the targets that a reference may differ from them, but at most this multiple of the tolerance."""
+ROUNDED = 1e-6
+"""Excess over a range up to which joints are clipped to it [rad, m]."""
 LATEST = 0.98
 """Latest entry into a chunk, over its duration."""
 LONGEST_WAIT = 10.0
@@ -128,14 +130,14 @@ class Retargeter:
     def run(self, running: Trajectory, at: float, onto: Any) -> Retargeted:
         """Return the motion onto a target, from the running motion's state at a time [s]."""
         X = np.array(state_of(running, at))
-        status, tries, cut = RetargetStatus.GOAL, len(SLOWER), ""
+        status, tries, cut, reason = RetargetStatus.GOAL, len(SLOWER), "", self._refuse_state(X)
         if isinstance(onto, Chunk):
             status, tries = RetargetStatus.JOINED, tries if self.others else 1
             chunk, cut = resolve_poses(self.robot, onto, X, at)
             refused = cut if chunk is None else self._refuse_chunk(chunk, at - chunk.observed)
-            make: Make = lambda box, k: _Attempt(None, refused)  # noqa: E731
-            if chunk is not None and not refused:
-                make = ChunkFollower(self, X, chunk, at - chunk.observed).make
+            reason = reason or refused
+            if chunk is not None and not reason:
+                make: Make = ChunkFollower(self, X, chunk, at - chunk.observed).make
         elif isinstance(onto, Jog):
             velocity = _joints(onto.velocity, self.robot.n, "velocity")
             make = lambda box, k: _Attempt(self._transfer(box).jog(X, velocity, onto.hold))  # noqa: E731
@@ -144,7 +146,7 @@ class Retargeter:
         else:
             q = _joints(onto, self.robot.n, "onto")
             make = self._go(X, unwind(self.robot, q, X[0]) if self.free.any() else q)
-        made, reason, box = _Attempt(None), self._refuse_state(X), self._first_box(X)
+        made, box = _Attempt(None), self._first_box(X)
         for k in range(0 if reason else tries):
             made = make(box, k)
             if made.curve is None:
@@ -270,13 +272,7 @@ class Retargeter:
 
     def _go(self, X: Array, q: Array) -> Make:
         """Return the maker of time-optimal motions to joints."""
-        low, high = self.box[:, 0].T
-        outside = (q < low - 1e-9) | (q > high + 1e-9)
-        if outside.any():
-            i = int(outside.argmax())
-            expected = f"a value in [{low[i]:.6g}, {high[i]:.6g}]"
-            asked = ask_for_degrees(self.robot.limits, ~self.robot.prismatic, q)
-            raise InvalidInput("onto", f"{q[i]:.6g} for {self.robot.joint_names[i]}", expected, advice=asked)
+        q = clip_joints(self.robot, q, "onto")
         goal = np.stack([q, 0.0 * q, 0.0 * q])
         arrived = (np.abs(X - goal).max(axis=1) < ARRIVED).all()
 
@@ -312,7 +308,7 @@ class ChunkFollower:
     """The motions that follow one chunk from a state (3, n), at an age of the chunk [s]."""
 
     def __init__(self, engine: Retargeter, X: Array, chunk: Chunk, age: float) -> None:
-        self._engine, self._X, n = engine, X, engine.robot.n
+        self._engine, self._X, self._budget, n = engine, X, WORK, engine.robot.n
         P, rate, repaired, clipped, jumps = read_targets(chunk, engine.robot, engine.free, engine.ranges)
         self._extent = P.min(axis=0), P.max(axis=0)
         spans, end = min(len(P) - 1, MOST_SPANS), (len(P) - 1) / rate
@@ -325,14 +321,11 @@ class ChunkFollower:
             places = np.linspace(0.0, s0, TRIED)
             away = np.abs(unwind(engine.robot, self._sample(places, 1)[:, 0], X[0]) - X[0]).max(axis=1)
             s0 = float(places[np.flatnonzero(away <= away.min() + engine.tolerance)[-1]])  # nearer ones are noise
-        place = self._sample(np.array([s0]), 1)[0, 0]
-        self._c += unwind(engine.robot, place, X[0]) - place
-        skipped = ceil(s0 * chunk.rate - 1e-9)
-        counts = {"skipped": skipped, "repaired": repaired, "clipped": clipped, "jumps": jumps}
-        self._facts: dict[str, Any] = counts | {"scatter": scatter}
+        self._c += unwind(engine.robot, place := self._sample(np.array([s0]), 1)[0, 0], X[0]) - place
+        self._facts: dict[str, Any] = {"repaired": repaired, "clipped": clipped, "jumps": jumps, "scatter": scatter}
+        self._facts["skipped"] = ceil(s0 * chunk.rate - 1e-9)
         # A chunk observed in the future begins then, if it is entered by its clock.
         self._wait = max(-age, 0.0) if engine.align == "clock" else 0.0
-        self._budget = WORK
         self._s = np.linspace(s0, end, int(min(max(PLACES[0], (end - s0) / APART), PLACES[1])))
         self._R = self._sample(self._s, 4)
 
@@ -352,9 +345,8 @@ class ChunkFollower:
         j, used, knots, count, c = track(self._X, box, when, targets, longest, self._budget)
         self._budget -= used + PROOF * knots.size
         if j == -2:
-            why = f"its motion takes {when[-1]:.3g} s in pieces of at most {longest:.2g} s"
-            mend = "send fewer targets or a shorter chunk, or set a larger longest"
-            return _Attempt(None, f"not found within the budget of work of one call, because {why}: {mend}", facts)
+            words = f"not found within the budget of work of one call: {when[-1]:.3g} s in pieces of at most {longest:.2g} s"
+            return _Attempt(None, words + "; send fewer targets or a shorter chunk, or set a larger longest", facts)
         if j >= 0:
             return _Attempt(None, f"no motion of {engine.robot.joint_names[j]} within its limits was found", facts)
         return _Attempt(JointCubics(knots, count, c), "", facts)
@@ -393,6 +385,20 @@ class ChunkFollower:
                 found = self._engine.limits.rows(name, points) / part
                 extra.append(np.pad(found, ((0, 0), (0, 0), (0, 4 - found.shape[2]))))
         return np.ascontiguousarray(np.concatenate(extra, axis=1))
+
+
+def clip_joints(robot: Robot, q: Array, argument: str) -> Array:
+    """Return joints (n,) clipped to their ranges, which they may exceed by the rounding of an encoder."""
+    clipped, ends = robot.limits.clip(q), robot.limits
+    i = int((excess := np.abs(q - clipped)).argmax())
+    if excess[i] > ROUNDED:
+        words = f"{q[i]:.6g} for {robot.joint_names[i]}, {excess[i]:.3g} outside"
+        asked, expected = (
+            ask_for_degrees(ends, ~robot.prismatic, q),
+            f"a value in [{ends.lower[i]:.6g}, {ends.upper[i]:.6g}]",
+        )
+        raise InvalidInput(argument, words, expected, advice=asked)
+    return clipped
 
 
 def _box(robot: Robot, limits: MotionLimits) -> Array:

@@ -7,27 +7,22 @@ from typing import Any
 import numpy as np
 import scipy
 
-from optik.arm.limits import ask_for_degrees
 from optik.check import format_value, real_array
 from optik.errors import InvalidInput
 from planners.retarget.cubics import BRIEF_REST
-from planners.retarget.engine import Retargeter
+from planners.retarget.engine import Retargeter, clip_joints
 from planners.retarget.jog import Jog
 from planners.trajectory import Trajectory, join, make_rest
 
 AT_REST = 1e-9
 """Largest velocity of a joint at the end of a motion that ends at rest [rad/s, m/s]."""
-ROUNDED = 1e-6
-"""Excess over a range up to which a start is clipped to it, as the rounding of an encoder [rad, m]."""
 
 
 def begin(engine: Retargeter, start: Any, argument: str) -> Trajectory:
     """Return the running motion of an argument, which ends at rest: a moving end or state is stopped within the limits."""
     robot, n = engine.robot, engine.robot.n
     curve = start if isinstance(start, Trajectory) else getattr(start, "trajectory", None)
-    expected = (
-        f"a motion of {n} joints, {n} finite joint values inside the ranges, or a state (q, q̇, q̈) of shape (3, {n})"
-    )
+    expected = f"a motion of {n} joints, {n} finite joint values, or a state (q, q̇, q̈) of shape (3, {n})"
     if curve is not None:
         X = np.array([curve(curve.end, order) for order in range(3)])
         rests = np.abs(X[1]).max() <= AT_REST
@@ -38,13 +33,7 @@ def begin(engine: Retargeter, start: Any, argument: str) -> Trajectory:
     if X.shape != (3, n) or not np.isfinite(X).all():
         raise InvalidInput(argument, format_value(start, 60), expected)
     if curve is None:
-        excess = np.abs(X[0] - robot.limits.clip(X[0]))
-        if excess.max() > ROUNDED:
-            i = int(excess.argmax())
-            words = f"{X[0, i]:.6g} for {robot.joint_names[i]}, {excess[i]:.3g} outside its range"
-            asked = ask_for_degrees(robot.limits, ~robot.prismatic, X[0])
-            raise InvalidInput(argument, words, expected, advice=asked)
-        X = np.stack([robot.limits.clip(X[0]), *X[1:]])
+        X = np.stack([clip_joints(robot, X[0], argument), *X[1:]])
     if rests:
         return curve or make_rest(X[0], 3.0 * BRIEF_REST)
     moving = scipy.interpolate.PPoly((X / [[1.0], [1.0], [2.0]])[::-1, None], np.array([0.0, BRIEF_REST]))

@@ -124,9 +124,7 @@ class Stream(Iterator[Setpoint]):
         """Called with each motion that was proved and the time at which it begins [s], before it does."""
         self.error: Exception | None = None
         """What the source or a computation raised. After it no target is taken; it is raised when the arm is at rest."""
-        self._kept, self._cut = (
-            dict[str, tuple[str, int]]() for _ in range(2)
-        )  # by kind: the first text, and the count
+        self._kept, self._cut = (dict[str, tuple[str, int]]() for _ in range(2))  # by kind: the first text, the count
         self._joined = self._late = self._missed = 0
         self._facts = np.zeros(4)  # skipped, clipped and jumping targets; the largest scatter
         self._cpu, self._delay, self._needed = (deque[float](maxlen=KEPT_TIMES) for _ in range(3))

@@ -192,7 +192,7 @@ def test_a_call_ends_above_its_budget_of_work(monkeypatch: pytest.MonkeyPatch) -
     assert retarget(motion, 0.0, chunk)
     monkeypatch.setattr(engine, "WORK", 6000)
     found = [retarget(resting(robot, REST), 0.0, chunk).reason for _ in range(2)]
-    assert found[0].startswith("not found within the budget of work of one call, because its motion takes ")
+    assert found[0].startswith("not found within the budget of work of one call: ")
     assert found[0].endswith("fewer targets or a shorter chunk, or set a larger longest") and found[0] == found[1]
     state, limits = np.zeros((3, 2)), np.array([[[-3.0, 3.0], [-1.0, 1.0], [-5.0, 5.0], [-50.0, 50.0]]] * 2)
     when = np.arange(0.0, 3.0, 0.02)
