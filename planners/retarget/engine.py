@@ -176,7 +176,7 @@ class Retargeter:
         """Return why a chunk of an age [s] is not followed, or nothing."""
         m, n = np.shape(chunk.points)
         if n != self.robot.n:
-            raise InvalidInput("onto", f"targets of {n} joints", f"{self.robot.n}, of {self.robot.name}")
+            return f"the chunk has targets of {n} joints, and {self.robot.name} has {self.robot.n}"
         end = (m - 1) / chunk.rate
         latest, earliest = (end, -LONGEST_WAIT) if self.align == "clock" else (2.0 * end + LONGEST_WAIT, -np.inf)
         if not earliest <= age <= latest:

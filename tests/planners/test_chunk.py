@@ -232,3 +232,8 @@ def test_targets_where_no_velocity_is_allowed_are_clipped_and_goals_near_there_a
         near = retarget(resting(robot, home, limits), 0.0, goal)
         usual = planners.plan(robot, goal, home, limits=limits)
         assert near and near.trajectory.end <= 1.4 * usual.duration, near.reason
+
+
+def test_a_chunk_for_another_arm_is_kept() -> None:
+    kept = retarget(resting(optik.load("ur5e"), REST), 0.0, Chunk(np.zeros((4, 7)), 20.0))
+    assert kept.status == "kept" and "7 joints" in kept.reason and "6" in kept.reason
