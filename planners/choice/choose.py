@@ -33,6 +33,8 @@ LEAST_GAIN = 1e-4
 """Least fraction by which a chosen path must shorten the motion to be used."""
 NEARLY, TRAVEL_SAMPLES = 1.002, 1001
 """Ratio to the shortest duration up to which the motion with the least travel of the joints is taken; samples of a motion."""
+SAME_GUESS, SLOW_GUESS = 0.02, 1.2
+"""Guesses whose joints stay nearer than this [rad, m] are one; ratio to the least time of a guess up to which one is tried."""
 REPORT_POINTS = 101
 """Points along the path at which a result shows the coordinates."""
 SHAPE_DAMPING = 1e-2
@@ -192,15 +194,21 @@ class Choice:
                 yield found
 
     def guesses(self) -> Iterator[tuple[Array, Array]]:
-        """Yield initial coefficients and configurations: the given path, and those of the sequences that were found."""
-        yield self.p, self.near
+        """Yield initial coefficients and configurations that differ and need little time: of the path, and of sequences."""
+        found = [(self.p, self.near)]
         for way in self.ways:
             q = scipy.interpolate.make_interp_spline(way.s, way.q, k=min(5, len(way.s) - 1))
             p = np.concatenate([way.fit(self.path), self.path.spline.fit(way.s, way.q @ self.rows.T)], axis=1)
             near = np.stack([q(self.optimum.programme.s, order) for order in range(4)])
             place = self.programme.place(p, near)
-            if place is not None and self.robot.limits.contains(place.path[0]).all():
-                yield p, place.path
+            if (
+                place is not None
+                and self.robot.limits.contains(place.path[0]).all()
+                and all(np.abs(place.path[0] - other[0]).max() > SAME_GUESS for _, other in found)
+            ):
+                found.append((p, place.path))
+        times = [measure_time(self.robot, near[0]) for _, near in found]
+        yield from (one for one, time in zip(found, times, strict=True) if time <= SLOW_GUESS * min(times))
 
     def refine(self) -> Iterator[Choice]:
         """Yield choices with more coefficients, unless their number was given."""
@@ -298,6 +306,12 @@ P = TypeVar("P", bound=Timed)
 """Type of the plans that are compared."""
 
 
+def measure_time(robot: Robot, q: Array) -> float:
+    """Return the sum of the largest steps of configurations (k, n), each over its joint's greatest speed if there are some."""
+    steps = np.abs(np.diff(q, axis=0))
+    return float((steps if robot.limits.velocity is None else steps / robot.limits.velocity).max(axis=1).sum())
+
+
 def measure_travel(q: Array) -> float:
     """Return the sum over the joints of ∫|q̇| dt [rad, m], from configurations (k, n) along a motion."""
     return float(np.abs(np.diff(q, axis=0)).sum())
@@ -329,7 +343,8 @@ def choose(
         return fixed, report(path, duration, fixed, outcome, gradient)
     found, outcome = list(choice.solve()), "the initial path: the iteration found no other"
     near = NEARLY * min((one.duration for one in found), default=0.0)
-    for solution in sorted(found, key=lambda one: (max(one.duration, near), measure_travel(one.path[0]))):
+    unlike = {(round(one.duration, 5), round(measure_travel(one.path[0]), 2)): one for one in found}
+    for solution in sorted(unlike.values(), key=lambda one: (max(one.duration, near), measure_travel(one.path[0]))):
         if solution.duration >= (1.0 - LEAST_GAIN) * duration:
             outcome = "the initial path: no other is shorter in time"
             break

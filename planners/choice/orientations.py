@@ -9,6 +9,7 @@ import scipy
 
 from optik import se3
 from optik.types import Array
+from planners.choice.choose import measure_time, measure_travel
 from planners.following import smoothing
 from planners.following.joint_path import JointPath
 from planners.following.resolve.freedoms import FreeWay
@@ -28,12 +29,11 @@ ALONG = 0.1
 
 def find_easy(path: FreePath, own: JointPath, ways: Sequence[FreeWay], *, held: bool) -> list[tuple[FreePath, Array]]:
     """Return paths that need less time, or travel of the joints, at their stations than a path; and their first joints."""
-    s, limits = np.linspace(0.0, path.end, STATIONS), own.robot.limits
+    s = np.linspace(0.0, path.end, STATIONS)
     found = [(path, own(s)), *((path.with_coefficients(way.fit(path), None), way.q) for way in ways)]
     found += _keep_orientations(path, own, ways, s, held=held)
-    steps = [np.abs(np.diff(q, axis=0)) for _, q in found]
-    times = [(step / (1.0 if limits.velocity is None else limits.velocity)).max(axis=1).sum() for step in steps]
-    i, j = int(np.argmin(times)), int(np.argmin([step.sum() for step in steps]))
+    times, travels = [measure_time(own.robot, q) for _, q in found], [measure_travel(q) for _, q in found]
+    i, j = int(np.argmin(times)), int(np.argmin(travels))
     return [(found[k][0], found[k][1][0]) for k in ((j,) if times[j] <= ALIKE * times[i] else (i, j)) if k]
 
 

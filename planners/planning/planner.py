@@ -112,7 +112,7 @@ class MotionPlanner:
         for many in (False, True):
             sequences, made = resolver.find(q, held=held, many=many, count=count)
             first = [parts[0] for parts in sequences]
-            ways = [resolver.relax(one) for one in first]
+            ways = resolver.relax(first)
             for candidate, way in resolver.candidates(first, ways):
                 found = self.follow_from(candidate, way.q[0], scene, way.joints)
                 if found:
