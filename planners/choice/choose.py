@@ -199,11 +199,9 @@ class Choice:
             p = np.concatenate([way.fit(self.path), self.path.spline.fit(way.s, way.q @ self.rows.T)], axis=1)
             near = np.stack([q(self.optimum.programme.s, order) for order in range(4)])
             place = self.programme.place(p, near)
-            if (
-                place is not None
-                and self.robot.limits.contains(place.path[0]).all()
-                and all(np.abs(place.path[0] - other[0]).max() > SAME_GUESS for _, other in found)
-            ):
+            if place is None or not self.robot.limits.contains(place.path[0]).all():
+                continue
+            if all(np.abs(place.path[0] - other[0]).max() > SAME_GUESS for _, other in found):
                 found.append((p, place.path))
         times = [measure_time(self.robot, near[0]) for _, near in found]
         yield from (one for one, time in zip(found, times, strict=True) if time <= SLOW_GUESS * min(times))
@@ -352,7 +350,10 @@ def choose(
     found, most = list(choice.solve()), (1.0 - LEAST_GAIN) * duration
     fast = sorted((one for one in found if one.duration < most), key=lambda one: one.duration)
     near = [one for one in fast if one.duration <= NEARLY * fast[0].duration]
-    outcome, tried = "the initial path: no other is shorter in time", dict[tuple[float, float], P | None]()
+    outcome, tried = (
+        f"the initial path: {'no other is shorter in time' if found else 'the iteration found no other'}",
+        dict[tuple[float, float], P | None](),
+    )
     for order in (fast, sorted(near, key=lambda one: measure_travel(one.path[0]))):
         for solution in order:
             like = round(solution.duration, 5), round(measure_travel(solution.path[0]), 2)
@@ -362,12 +363,8 @@ def choose(
             if tried[like] is not None:
                 break
     plans = [plan for plan in tried.values() if plan is not None]
-    if plans:
-        outcome = CHOSEN
-    elif tried:
-        outcome = "the initial path: no other is proved and shorter in time"
-    elif not found:
-        outcome = "the initial path: the iteration found no other"
+    if tried:
+        outcome = CHOSEN if plans else "the initial path: no other is proved and shorter in time"
     return plans, ChoiceReport(outcome, gradient, len(found), sum(one.steps for one in found))
 
 
