@@ -11,7 +11,7 @@ from optik.arm.robot import Robot
 from optik.scene import Scene
 from optik.scene.contact import find_pairs
 from optik.types import Array, Indices
-from planners.choice.choose import Choice, FreedomResult, P, Timed, report
+from planners.choice.choose import Choice, ChoiceReport, FreedomResult, P, Timed, report
 from planners.choice.clearances import ClearanceLimits, NearPairs, bodies_of, pair_rooms
 from planners.choice.columns import joint_changes
 from planners.choice.programme import FreeProgramme
@@ -183,7 +183,7 @@ def choose_around(
     given. An iteration ends at a duration of `enough` [s]. If no valid plan is found and the number of coefficients was not
     given, more coefficients are tried.
     """
-    best, path, tried, rounds, steps = fixed, choice.initial, 0, 0, 0
+    best, tried, rounds, steps = fixed, 0, 0, 0
     pairs = NearPairs(choice.robot, scene, choice.programme.K + 1)
     for finer in itertools.chain([choice], choice.refine()):
         before = tried
@@ -193,27 +193,26 @@ def choose_around(
             tried, pushed = tried + 1, push_out(finer, scene, p, near, pairs)
             if pushed is None:
                 continue
-            found, chosen, spent = _clear(finer, scene, pushed, plan_along, enough, pairs)
+            found, spent = _clear(finer, scene, pushed, plan_along, enough, pairs)
             rounds, steps = rounds + spent[0], steps + spent[1]
             if not (best or found):
-                chosen = finer.path_of(pushed[0])
-                found = plan_along(chosen, pushed[1][0, 0])
+                found = plan_along(finer.path_of(pushed[0]), pushed[1][0, 0])
             if found and (not best or found.trajectory.duration < best.trajectory.duration):
-                best, path = found, chosen
+                best = found
         if best:
             break
     outcome = "the initial path: no other is proved and shorter in time" if best is fixed else "chosen"
     duration = fixed.trajectory.duration if fixed else best.trajectory.duration
-    return best, report(path, duration, best, outcome, np.nan, tried, steps), rounds
+    return best, report(best, ChoiceReport(outcome, np.nan, tried, steps), duration), rounds
 
 
 def _clear(
     choice: Choice, scene: Scene, first: tuple[Array, Array], plan_along: Callable[[FreePath | PointToPoint, Array], P],
     enough: float, pairs: NearPairs,
-) -> tuple[P | None, FreePath | PointToPoint, tuple[int, int]]:  # fmt: skip
-    """Return the fastest plan from a free initial path or None if none is valid, its path, and the rounds and Newton steps."""
+) -> tuple[P | None, tuple[int, int]]:  # fmt: skip
+    """Return the fastest plan from a free initial path or None if none is valid, and the rounds and Newton steps."""
     (p, near), s, steps = first, choice.optimum.programme.s, 0
-    cuts, chosen = Cuts(choice.robot, scene, near[0], pairs), choice.initial
+    cuts = Cuts(choice.robot, scene, near[0], pairs)
     for rounds in range(1, MOST_CUTS + 1):
         programme = FreeProgramme(choice.optimum.programme, *choice.parts, *choice.statics, cuts.limits(choice))
         solution = solve(programme, p, choice.bounds, near, damping=choice.damping, enough=enough)
@@ -222,12 +221,11 @@ def _clear(
         steps += solution.steps
         if cuts.add_touched(_between(solution.path, s)):
             continue
-        chosen = choice.path_of(solution.p)
-        found = plan_along(chosen, solution.path[0, 0])
+        found = plan_along(choice.path_of(solution.p), solution.path[0, 0])
         if found:
-            return found, chosen, (rounds, steps)
+            return found, (rounds, steps)
         if not found.has_motion or found.certificate.clearance is None or found.certificate.clearance.proved:
             break
         proof, t = found.certificate, found.certificate.clearance.nearest.time
         cuts.add_failed(found.trajectory(t), proof.s_at(t), s)
-    return None, chosen, (rounds, steps)
+    return None, (rounds, steps)

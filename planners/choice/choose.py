@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Protocol, TypeVar
+from typing import NamedTuple, Protocol, TypeVar
 
 import numpy as np
 import scipy
@@ -33,6 +33,8 @@ LEAST_GAIN = 1e-4
 """Least fraction by which a chosen path must shorten the motion to be used."""
 NEARLY, TRAVEL_SAMPLES = 1.002, 1001
 """Ratio to the shortest duration up to which the motion with the least travel of the joints is taken; samples of a motion."""
+SAME_GUESS, SLOW_GUESS = 0.02, 1.2
+"""Guesses whose joints stay nearer than this [rad, m] are one; ratio to the least time of a guess up to which one is tried."""
 REPORT_POINTS = 101
 """Points along the path at which a result shows the coordinates."""
 SHAPE_DAMPING = 1e-2
@@ -43,8 +45,6 @@ MORE_COEFFICIENTS = (1.5, 2.5, 5.0)
 """Numbers of coefficients, over the default one, that are tried where nothing is found around obstacles."""
 CHOSEN = "chosen"
 """Outcome of a plan along another path than the initial one."""
-NOT_CHOSEN = "the initial coefficients: only the law optimal chooses them"
-"""Outcome of a plan by another law."""
 NULL_STATIONS = 25
 """Configurations along the path whose null spaces are averaged."""
 
@@ -192,15 +192,19 @@ class Choice:
                 yield found
 
     def guesses(self) -> Iterator[tuple[Array, Array]]:
-        """Yield initial coefficients and configurations: the given path, and those of the sequences that were found."""
-        yield self.p, self.near
+        """Yield initial coefficients and configurations that differ and need little time: of the path, and of sequences."""
+        found = [(self.p, self.near)]
         for way in self.ways:
             q = scipy.interpolate.make_interp_spline(way.s, way.q, k=min(5, len(way.s) - 1))
             p = np.concatenate([way.fit(self.path), self.path.spline.fit(way.s, way.q @ self.rows.T)], axis=1)
             near = np.stack([q(self.optimum.programme.s, order) for order in range(4)])
             place = self.programme.place(p, near)
-            if place is not None and self.robot.limits.contains(place.path[0]).all():
-                yield p, place.path
+            if place is None or not self.robot.limits.contains(place.path[0]).all():
+                continue
+            if all(np.abs(place.path[0] - other[0]).max() > SAME_GUESS for _, other in found):
+                found.append((p, place.path))
+        times = [measure_time(self.robot, near[0]) for _, near in found]
+        yield from (one for one, time in zip(found, times, strict=True) if time <= SLOW_GUESS * min(times))
 
     def refine(self) -> Iterator[Choice]:
         """Yield choices with more coefficients, unless their number was given."""
@@ -294,8 +298,25 @@ class Timed(Protocol):
         """Whether there is a motion."""
 
 
+class ChoiceReport(NamedTuple):
+    """What a choice did: in words, Σ|dT/dp| at the initial path, initial guesses, and Newton steps in all."""
+
+    outcome: str
+    gradient: float = float("nan")
+    starts: int = 0
+    steps: int = 0
+
+
+FIXED = ChoiceReport("the initial coefficients: only the law optimal chooses them")
+"""That of a plan by another law."""
 P = TypeVar("P", bound=Timed)
 """Type of the plans that are compared."""
+
+
+def measure_time(robot: Robot, q: Array) -> float:
+    """Return the sum of the largest steps of configurations (k, n), each over its joint's greatest speed if there are some."""
+    steps = np.abs(np.diff(q, axis=0))
+    return float((steps if robot.limits.velocity is None else steps / robot.limits.velocity).max(axis=1).sum())
 
 
 def measure_travel(q: Array) -> float:
@@ -314,47 +335,48 @@ def pick_plan(plans: Sequence[P]) -> P:
 def choose(
     path: FreePath | PointToPoint, joint_path: JointPath, optimum: Optimum | None, fixed: P, *, held: bool,
     plan_along: Callable[[FreePath | PointToPoint, Array], P | None], ways: Sequence[FreeWay] = (),
-) -> tuple[P, FreedomResult]:  # fmt: skip
-    """Return the fastest of the plan along the initial path and of those along chosen ones, and what was done.
+) -> tuple[list[P], ChoiceReport]:  # fmt: skip
+    """Return plans along chosen paths, shorter than that along the initial one, and what was done.
 
-    plan_along makes a plan along a path from a start configuration (n,), or returns None if it is not valid.
+    They are the fastest one, and of those nearly as fast the one with the least travel. plan_along makes a plan along a path
+    from a start configuration (n,), or returns None if it is not valid.
     """
     if optimum is None:
-        return fixed, report_fixed(path, fixed)
-    duration, best = fixed.trajectory.duration, fixed
-    choice = choice_for(path, joint_path, optimum, held=held, ways=ways)
+        return [], FIXED
+    duration, choice = fixed.trajectory.duration, choice_for(path, joint_path, optimum, held=held, ways=ways)
     gradient = float(np.abs(choice.gradient()).sum())
     if gradient <= WORTHLESS * duration and not ways:
-        outcome = "the initial path: the freedoms cannot shorten the motion"
-        return fixed, report(path, duration, fixed, outcome, gradient)
-    found, outcome = list(choice.solve()), "the initial path: the iteration found no other"
-    near = NEARLY * min((one.duration for one in found), default=0.0)
-    for solution in sorted(found, key=lambda one: (max(one.duration, near), measure_travel(one.path[0]))):
-        if solution.duration >= (1.0 - LEAST_GAIN) * duration:
-            outcome = "the initial path: no other is shorter in time"
-            break
-        better = plan_along(choice.path_of(solution.p), solution.path[0, 0])
-        if better is not None and better.trajectory.duration < (1.0 - LEAST_GAIN) * duration:
-            best, path, outcome = better, choice.path_of(solution.p), CHOSEN
-            break
-        outcome = "the initial path: no other is proved and shorter in time"
-    return best, report(path, duration, best, outcome, gradient, len(found), sum(one.steps for one in found))
+        return [], ChoiceReport("the initial path: the freedoms cannot shorten the motion", gradient)
+    found, most = list(choice.solve()), (1.0 - LEAST_GAIN) * duration
+    fast = sorted((one for one in found if one.duration < most), key=lambda one: one.duration)
+    near = [one for one in fast if one.duration <= NEARLY * fast[0].duration]
+    outcome, tried = (
+        f"the initial path: {'no other is shorter in time' if found else 'the iteration found no other'}",
+        dict[tuple[float, float], P | None](),
+    )
+    for order in (fast, sorted(near, key=lambda one: measure_travel(one.path[0]))):
+        for solution in order:
+            like = round(solution.duration, 5), round(measure_travel(solution.path[0]), 2)
+            if like not in tried:
+                plan = plan_along(choice.path_of(solution.p), solution.path[0, 0])
+                tried[like] = plan if plan is not None and plan.trajectory.duration < most else None
+            if tried[like] is not None:
+                break
+    plans = [plan for plan in tried.values() if plan is not None]
+    if tried:
+        outcome = CHOSEN if plans else "the initial path: no other is proved and shorter in time"
+    return plans, ChoiceReport(outcome, gradient, len(found), sum(one.steps for one in found))
 
 
-def report_fixed(path: FreePath | PointToPoint, fixed: Timed, outcome: str = NOT_CHOSEN) -> FreedomResult:
-    """Return the result for a path whose coefficients were not chosen."""
-    return report(path, fixed.trajectory.duration, fixed, outcome)
-
-
-def report(
-    path: FreePath | PointToPoint, fixed: float, best: Timed, outcome: str, gradient: float = float("nan"), starts: int = 0,
-    steps: int = 0,
-) -> FreedomResult:  # fmt: skip
-    """Return the result for a chosen path."""
+def report(best: Timed, made: ChoiceReport = FIXED, fixed: float | None = None) -> FreedomResult:
+    """Return the result for a plan, chosen or not, beside the duration along the initial path [s], its own by default."""
+    path, duration = best.path, best.trajectory.duration
+    assert isinstance(path, FreePath | PointToPoint)
     s = np.linspace(0.0, path.end, REPORT_POINTS)
     values = path.values_of_ranges(s) if isinstance(path, FreePath) else path.coordinates(s)[:, 0]
-    gain = 1.0 - best.trajectory.duration / fixed
     most, off = path.most_deviation if isinstance(path, FreePath) else (np.nan, np.nan), best.certificate.path_error
     near = off.distance + most[0], off.angle + most[1]
     unknown = tuple(name for name in best.certificate.extra if not is_known(name))
-    return FreedomResult(fixed, gain, outcome, path.ranges, s, values, gradient, starts, steps, *near, unknown)
+    fixed = duration if fixed is None else fixed
+    gain = 1.0 - duration / fixed
+    return FreedomResult(fixed, gain, made.outcome, path.ranges, s, values, *made[1:], *near, unknown)

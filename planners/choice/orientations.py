@@ -9,6 +9,7 @@ import scipy
 
 from optik import se3
 from optik.types import Array
+from planners.choice.choose import measure_time, measure_travel
 from planners.following import smoothing
 from planners.following.joint_path import JointPath
 from planners.following.resolve.freedoms import FreeWay
@@ -26,21 +27,19 @@ ALONG = 0.1
 """Least part of the tool's velocity across the axis of the turn for which the tangent is a direction about it."""
 
 
-def find_easy(path: FreePath, own: JointPath, ways: Sequence[FreeWay], *, held: bool) -> list[tuple[FreePath, Array]]:
-    """Return paths that need less time, or travel of the joints, at their stations than a path; and their first joints."""
-    s, limits = np.linspace(0.0, path.end, STATIONS), own.robot.limits
-    found = [(path, own(s)), *((path.with_coefficients(way.fit(path), None), way.q) for way in ways)]
-    found += _keep_orientations(path, own, ways, s, held=held)
-    steps = [np.abs(np.diff(q, axis=0)) for _, q in found]
-    times = [(step / (1.0 if limits.velocity is None else limits.velocity)).max(axis=1).sum() for step in steps]
-    i, j = int(np.argmin(times)), int(np.argmin([step.sum() for step in steps]))
-    return [(found[k][0], found[k][1][0]) for k in ((j,) if times[j] <= ALIKE * times[i] else (i, j)) if k]
+def find_easy(path: FreePath, own: JointPath, ways: Sequence[FreeWay], *, held: bool) -> list[FreeWay]:
+    """Return the sequences along a path that need least time, or least travel of the joints, and less than the path itself."""
+    s = np.linspace(0.0, path.end, STATIONS)
+    found = [FreeWay(s, own(s), path.coordinates(s)[:, 0]), *ways, *_keep_orientations(path, own, ways, s, held=held)]
+    times, travels = [measure_time(own.robot, way.q) for way in found], [measure_travel(way.q) for way in found]
+    i, j = int(np.argmin(times)), int(np.argmin(travels))
+    return [found[k] for k in ((j,) if times[j] <= ALIKE * times[i] else (i, j)) if k]
 
 
 def _keep_orientations(
     path: FreePath, own: JointPath, ways: Sequence[FreeWay], s: Array, *, held: bool
-) -> Iterator[tuple[FreePath, Array]]:
-    """Yield paths of constant orientations with joints (k, n) at s, continued from the first ones of the path and of sequences.
+) -> Iterator[FreeWay]:
+    """Yield sequences at s of constant orientations, continued from the first joints of the path and of other sequences.
 
     There is none where no freedom is a turn about an axis through the tool's point, or where the given poses hardly wind.
     """
@@ -65,7 +64,7 @@ def _keep_orientations(
             off = np.where(robot.prismatic | held, 0.0, ranges[0] - 0.5 * (way.min(axis=0) + way.max(axis=0)))
             way += 2.0 * np.pi * np.round(np.where(np.isfinite(off), off, 0.0) / (2.0 * np.pi))
             if robot.limits.contains(way).all():
-                yield chosen, way
+                yield FreeWay(s, way, chosen.coordinates(s)[:, 0])
 
 
 def _list_turns(path: FreePath, column: int, s: Array, *, held: bool) -> Iterator[Array]:

@@ -14,7 +14,7 @@ from optik.registry import label, short_name
 from optik.scene import Scene
 from optik.types import Array
 from planners.choice.avoid import choose_around, find_guess
-from planners.choice.choose import CHOSEN, FreedomResult, Timed, choice_for, choose, pick_plan, report, report_fixed
+from planners.choice.choose import CHOSEN, ChoiceReport, FreedomResult, Timed, choice_for, choose, pick_plan, report
 from planners.choice.first_paths import MOST_WAYS, SearchReport, find_first_paths
 from planners.choice.orientations import find_easy
 from planners.following.follow import FollowResult, PlanFailure
@@ -91,38 +91,34 @@ def choose_path(
     The planner chooses paths by the law optimal; the plans are compared with the law of `retime`, if there is one.
     """
 
-    def time_along(chosen: FreePath | PointToPoint, q: Array) -> tuple[Q, Optimum | None]:
-        return planner.time(chosen, planner.follow_from(chosen, q, scene), None)
-
     def plan_along(chosen: FreePath | PointToPoint, q: Array) -> Q | None:
-        return time_along(chosen, q)[0] or None
+        return planner.time(chosen, planner.follow_from(chosen, q, scene), None)[0] or None
 
     fixed, optimum = planner.time(path, followed, None)
     if not fixed:
         return fixed
-    timed, result = [(fixed, optimum)], report_fixed(path, fixed)
+    found, easy = [fixed], list[FreeWay]()
+    made = ChoiceReport("the initial path: avoid=True optimises it in the scene")
     if isinstance(path, FreePath):
         easy = find_easy(path, fixed.joint_path, ways, held=held)
-        timed += [one for chosen, q in easy if (one := time_along(chosen, q))[0]]
+        found += [one for way in easy if (one := plan_along(path.with_coefficients(way.fit(path), None), way.q[0]))]
     if scene is None or path.segments <= FEW_SEGMENTS:
-        begun, optimum = min(timed, key=lambda one: one[0].trajectory.duration)
-        first = begun.path if begun is not fixed and isinstance(begun.path, FreePath) else path
-        found, result = choose(first, begun.joint_path, optimum, begun, held=held, plan_along=plan_along, ways=ways)
-        timed += [(found, None)] if found is not begun else []
-    else:
-        result = replace(result, outcome="the initial path: avoid=True optimises it in the scene")
-    plans = [plan if retime is None else retime(plan) for plan, _ in timed]
+        ways = [*easy, *ways]
+        more, made = choose(path, fixed.joint_path, optimum, fixed, held=held, plan_along=plan_along, ways=ways)
+        found += more
+    plans = found if retime is None else [retime(plan) for plan in found]
     best, before = pick_plan([plan for plan in plans if plan] or plans[:1]), plans[0]
     if not best:
         return best
-    duration, outcome = (before if before else best).trajectory.duration, result.outcome
+    duration = (before if before else best).trajectory.duration
     if best is not before:
         outcome = CHOSEN if best.law == fixed.law else f"{CHOSEN} by the law optimal"
-        outcome += "" if best.trajectory.duration < duration else ": the joints move less"
-    elif outcome == CHOSEN:
-        outcome = "the initial path: no other takes clearly less time, or less motion of the joints"
-    chosen = best.path if isinstance(best.path, FreePath | PointToPoint) else path
-    return replace(best, freedom=report(chosen, duration, best, outcome, result.gradient, result.starts, result.steps))
+        made = made._replace(
+            outcome=outcome + ("" if best.trajectory.duration < duration else ": the joints move less")
+        )
+    elif made.outcome == CHOSEN:
+        made = made._replace(outcome="the initial path: no other takes clearly less time, or less motion of the joints")
+    return replace(best, freedom=report(best, made, duration))
 
 
 def choose_way(
@@ -176,7 +172,7 @@ def _plan_around(
 
         fixed, optimum = planner.time(path, followed, None, density)
         if optimum is None:
-            made = replace(fixed, freedom=report_fixed(path, fixed)) if fixed.has_motion else fixed
+            made = replace(fixed, freedom=report(fixed)) if fixed.has_motion else fixed
             return best or made, rounds
         choice, least = choice_for(path, fixed.joint_path, optimum, held=held, ways=ways), fixed.least_duration or 0.0
         guess = find_guess(best, NOT_FAR * least, optimum.programme.s)

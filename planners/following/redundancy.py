@@ -68,7 +68,7 @@ def find_null_space_motions(
             made.append(done)
         motions = (
             NullSpaceMotion(
-                robot, path, *(parts[-1] if rooms is None else relax(sampler, path, parts[-1], held=held)), held=held,
+                robot, path, *(parts[-1] if rooms is None else relax(sampler, path, parts[-1:], held=held)[0]), held=held,
                 rooms=rooms, smooth=rooms is None,
             )
             for parts in found

@@ -16,7 +16,7 @@ from optik.ik.problem import check_start
 from optik.scene import Scene
 from optik.types import Array
 from planners.certificate.certification import certify
-from planners.choice.choose import pick_plan, report, report_fixed
+from planners.choice.choose import CHOSEN, ChoiceReport, pick_plan, report
 from planners.choice.first_paths import DEFAULT_SEARCH, advise_elbow
 from planners.choice.ways import DENSITIES, FEW_SEGMENTS, choose_path, choose_way
 from planners.following.collision import CollisionCheck
@@ -112,7 +112,7 @@ class MotionPlanner:
         for many in (False, True):
             sequences, made = resolver.find(q, held=held, many=many, count=count)
             first = [parts[0] for parts in sequences]
-            ways = [resolver.relax(one) for one in first]
+            ways = resolver.relax(first)
             for candidate, way in resolver.candidates(first, ways):
                 found = self.follow_from(candidate, way.q[0], scene, way.joints)
                 if found:
@@ -226,19 +226,17 @@ class MotionPlanner:
         first, freedom = self.time(path, followed, None)[0], chosen.freedom
         if not chosen or freedom is None or (freedom.gain == 0.0 and first):
             if first.has_motion:
-                freedom = freedom if chosen else report_fixed(path, first)
+                freedom = freedom if chosen else report(first)
             failure = advise_elbow(first.failure, path, self.request.robot) if chosen.search else first.failure
             return replace(first, freedom=freedom if first.has_motion else None, search=chosen.search, failure=failure)
         found = self._retime(chosen)
         if first and not (found and pick_plan([first, found]) is found):
             what = "the initial path: with this law it needs less time or motion than the path that optimal chooses"
-            return replace(first, freedom=report(path, first.trajectory.duration, first, what), search=chosen.search)
+            return replace(first, freedom=report(first, ChoiceReport(what)), search=chosen.search)
         if not found:
             return found
-        assert isinstance(found.path, FreePath)
-        before = (first if first else found).trajectory.duration
-        made = report(found.path, before, found, "chosen by the law optimal")
-        return replace(found, freedom=made, search=chosen.search)
+        made, before = ChoiceReport(f"{CHOSEN} by the law optimal"), (first if first else found).trajectory.duration
+        return replace(found, freedom=report(found, made, before), search=chosen.search)
 
     def _finish(self, found: Plan, duration: float | None) -> Plan:
         """Return a plan along a chosen path with the requested duration, if it meets its via points."""

@@ -56,7 +56,7 @@ def reconfigure(
             f"reconfigurations={count} (--reconfigurations {count}): a way with {some}, was found, which stops there"
         )
         return replace(failed, failure=replace(failed.failure, advice=f"{advice}; or {failed.failure.advice}"))
-    ways = [resolver.relax(part) for part in found[0] if len(part.s) > 1]
+    ways = resolver.relax([part for part in found[0] if len(part.s) > 1])
     last = failed
     for retreat in RETREATS:
         try:

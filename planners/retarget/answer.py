@@ -39,13 +39,13 @@ def retarget(
     limits : MotionLimits, optional
         By default those of the running motion, or of `robot`. Velocity, acceleration and jerk of all joints must be limited.
     tolerance : float
-        Largest distance between a target and the smoothed chunk [rad, m].
+        Largest distance between a target and the smoothed chunk [rad, m]; four times it where they scatter.
     pace : float
         Largest rate of the chunk, over its own; above 1 to be faster than the chunk says [1].
     align : {"nearest", "clock"}
         Enter the chunk where it is nearest to the arm within the tolerance, not later than by its clock; or by its clock.
     longest : float
-        Longest duration of a piece of the motion [s]; shorter pieces follow more closely and take more computing time.
+        Longest duration of a piece [s]: shorter ones follow more closely, at more work. Slow motions have longer ones.
     scene : Scene, optional
         Obstacles, which the motion is proved to avoid.
     robot : Robot, optional

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optik.arm.limits import LARGEST_LIMIT
+from optik.arm.limits import LARGEST_LIMIT, ask_for_degrees
 from optik.arm.robot import Robot
 from optik.check import check_number, real_array
 from optik.errors import InvalidInput
@@ -16,14 +16,11 @@ from optik.se3 import check_pose
 from optik.tables import Names, read_table
 from optik.types import Array, Flags
 from planners.certificate.checks import check_rate
-from planners.paths.goal import unwind
 
 FEWEST, MOST = 4, 1000
 """Points of a reference: a chunk with fewer is divided; and the largest number of a chunk."""
 OUTSIDE = (0.005, 0.1)
 """Distances beyond the ranges up to which targets are clipped to them: sliding joints [m], turning ones [rad]."""
-LIKE_DEGREES = 1.0
-"""Distance beyond a range from which degrees are suspected [rad]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,21 +62,15 @@ class Chunk:
         object.__setattr__(self, "observed", check_number(self.observed, "observed", "a time [s]"))
 
 
-def read_targets(
-    chunk: Chunk, robot: Robot, free: Flags, ranges: Array, near: Array, age: float
-) -> tuple[Array, float, int, int, int]:
+def read_targets(chunk: Chunk, robot: Robot, free: Flags, ranges: Array) -> tuple[Array, float, int, int, int]:
     """Return the targets (m, n) that are meant, their rate [1/s], and the numbers of changed and clipped ones, and of jumps.
 
-    Joints without limits (`free`) take the shortest way, from target to target, and from joints (n,) to the target of an age
-    [s]. A target that equals the one before in all joints, but not the next one, stands for a missing one. It becomes the mean
-    of its neighbours. Targets outside ranges (n, 2) are clipped to them. Joints with limits that jump by more than π are
-    counted.
+    Joints without limits (`free`) take the shortest way from target to target, from half a turn around 0 on. A target that
+    equals the one before in all joints, but not the next one, stands for a missing one. It becomes the mean of its neighbours.
+    Targets outside ranges (n, 2) are clipped to them. Joints with limits that jump by more than π are counted.
     """
     P, rate = np.array(chunk.points), chunk.rate
-    if free.any():
-        P[:, free] = np.unwrap(P[:, free], axis=0)
-        now = P[int(np.clip(age * rate, 0.0, len(P) - 1.0))]
-        P += unwind(robot, now, near) - now
+    P[:, free] = np.unwrap(P[:, free] - 2.0 * np.pi * np.round(P[0, free] / (2.0 * np.pi)), axis=0)
     jumps = np.abs(np.diff(P, axis=0)) > np.where(free | robot.prismatic, np.inf, np.pi)
     given, P = P, np.minimum(np.maximum(P, ranges[:, 0]), ranges[:, 1])
     clipped, same = (given != P).any(axis=1), (P[1:] == P[:-1]).all(axis=1)
@@ -94,18 +85,18 @@ def read_targets(
 def refuse_targets(P: Array, robot: Robot) -> str:
     """Return why targets (m, n) are too far outside the ranges to be meant, or nothing."""
     lower, upper = np.maximum(robot.limits.lower, -LARGEST_LIMIT), np.minimum(robot.limits.upper, LARGEST_LIMIT)
-    grace, units = np.where(robot.prismatic, *OUTSIDE), np.where(robot.prismatic, 1.0, np.pi / 180.0)
-    least, most = P.min(axis=0), P.max(axis=0)
-    excess = np.maximum(lower - least, most - upper)
+    grace, beyond = np.where(robot.prismatic, *OUTSIDE), np.maximum(lower - P, P - upper)
+    excess = beyond.max(axis=0)
     if (excess <= grace).all():
         return ""
     i = int((np.minimum(excess, LARGEST_LIMIT) / grace).argmax())
-    k = int(np.argmax(np.maximum(lower[i] - P[:, i], P[:, i] - upper[i])))
-    fits = ((lower - units * least <= grace) & (units * most - upper <= grace)).all()
-    advice = ": are these degrees?" if fits and not robot.prismatic[i] and excess[i] > LIKE_DEGREES else ""
-    words = f"{P[k, i]:.6g}, {excess[i]:.3g} {'m' if robot.prismatic[i] else 'rad'} beyond its range"
-    reach = f"[{robot.limits.lower[i]:.6g}, {robot.limits.upper[i]:.6g}]"
-    return f"target {k} of {robot.joint_names[i]} is {words} {reach}{advice}"
+    k = int(beyond[:, i].argmax())
+    reach = f"its range [{robot.limits.lower[i]:.6g}, {robot.limits.upper[i]:.6g}]"
+    if np.isinf((robot.limits.lower if P[k, i] < lower[i] else robot.limits.upper)[i]):
+        reach = f"±{LARGEST_LIMIT:g}, the most that is computed with"
+    words = f"{P[k, i]:.6g}, {excess[i]:.3g} {'m' if robot.prismatic[i] else 'rad'} beyond {reach}"
+    asked = ask_for_degrees(robot.limits, ~robot.prismatic, P)
+    return f"target {k} of {robot.joint_names[i]} is {words}{': ' if asked else ''}{asked}"
 
 
 def load_chunks(file: str | os.PathLike[str], robot: Robot, rate: float, *, columns: Names = None) -> list[Chunk]:

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from optik.arm.limits import ask_for_degrees
 from optik.arm.robot import Robot
 from optik.check import check_number, real_array
 from optik.errors import InvalidInput
@@ -52,15 +53,17 @@ ARRIVED = (1e-10, 1e-12, 1e-12)
 """Distances from a goal at rest in position, velocity and acceleration that are rounding [rad, rad/s, rad/s², or m]."""
 SCATTERS, MOST_TOLERANCE = 4.0, 4.0
 """Scatters of the targets that a reference may differ from them, but at most this multiple of the tolerance."""
+ROUNDED = 1e-6
+"""Excess over a range up to which joints are clipped to it [rad, m]."""
 LATEST = 0.98
 """Latest entry into a chunk, over its duration."""
 LONGEST_WAIT = 10.0
-"""Longest wait for a chunk that is observed in the future [s]."""
-WORK, LEAST_SPANS, LOADED, PROOF = 40, 100, 230, 10
-"""Work of one call for each joint and span of the reference, in intervals times iterations; least number of spans that count;
-the number that counts with limits of the whole arm; and the work of the proof of an interval with these."""
-SLOW = (2.0, 0.06)
-"""Durations of a motion, and of a span of its reference, above which its pieces are longer: a slow motion needs no more [s]."""
+"""Longest wait for a chunk that is observed in the future [s]; with its duration, the longest delay of one that has ended."""
+WORK, PROOF = 350_000, 20
+"""Work of one call, in intervals times iterations; and that of the proof of an interval with limits of the whole arm."""
+SLOW, COUNTED = (1.5, 0.045), 600
+"""Durations of a motion, and of a span of its reference, above which its pieces are longer: a slow motion needs no more [s];
+and the largest number of spans that count, with which `WORK` suffices for seven joints."""
 ENTRIES = np.linspace(0.0, 0.95, 8)
 """Instants of entries into a plan whose durations are computed, over the plan's duration."""
 
@@ -127,14 +130,14 @@ class Retargeter:
     def run(self, running: Trajectory, at: float, onto: Any) -> Retargeted:
         """Return the motion onto a target, from the running motion's state at a time [s]."""
         X = np.array(state_of(running, at))
-        status, tries, cut = RetargetStatus.GOAL, len(SLOWER), ""
+        status, tries, cut, reason = RetargetStatus.GOAL, len(SLOWER), "", self._refuse_state(X)
         if isinstance(onto, Chunk):
             status, tries = RetargetStatus.JOINED, tries if self.others else 1
             chunk, cut = resolve_poses(self.robot, onto, X, at)
             refused = cut if chunk is None else self._refuse_chunk(chunk, at - chunk.observed)
-            make: Make = lambda box, k: _Attempt(None, refused)  # noqa: E731
-            if chunk is not None and not refused:
-                make = ChunkFollower(self, X, chunk, at - chunk.observed).make
+            reason = reason or refused
+            if chunk is not None and not reason:
+                make: Make = ChunkFollower(self, X, chunk, at - chunk.observed).make
         elif isinstance(onto, Jog):
             velocity = _joints(onto.velocity, self.robot.n, "velocity")
             make = lambda box, k: _Attempt(self._transfer(box).jog(X, velocity, onto.hold))  # noqa: E731
@@ -143,7 +146,7 @@ class Retargeter:
         else:
             q = _joints(onto, self.robot.n, "onto")
             make = self._go(X, unwind(self.robot, q, X[0]) if self.free.any() else q)
-        made, reason, box = _Attempt(None), self._refuse_state(X), self._first_box(X)
+        made, box = _Attempt(None), self._first_box(X)
         for k in range(0 if reason else tries):
             made = make(box, k)
             if made.curve is None:
@@ -173,9 +176,10 @@ class Retargeter:
         """Return why a chunk of an age [s] is not followed, or nothing."""
         m, n = np.shape(chunk.points)
         if n != self.robot.n:
-            raise InvalidInput("onto", f"targets of {n} joints", f"{self.robot.n}, of {self.robot.name}")
+            return f"the chunk has targets of {n} joints, and {self.robot.name} has {self.robot.n}"
         end = (m - 1) / chunk.rate
-        if self.align == "clock" and not -LONGEST_WAIT <= age <= end:
+        latest, earliest = (end, -LONGEST_WAIT) if self.align == "clock" else (2.0 * end + LONGEST_WAIT, -np.inf)
+        if not earliest <= age <= latest:
             when = f"{age:.6g} s before at, and lasts {end:.3g} s" if age > 0.0 else f"{-age:.6g} s after at"
             return f"observed is {when}: is it the time of another clock?"
         return refuse_targets(np.asarray(chunk.points), self.robot)
@@ -268,12 +272,7 @@ class Retargeter:
 
     def _go(self, X: Array, q: Array) -> Make:
         """Return the maker of time-optimal motions to joints."""
-        low, high = self.box[:, 0].T
-        outside = (q < low - 1e-9) | (q > high + 1e-9)
-        if outside.any():
-            i = int(outside.argmax())
-            expected = f"a value in [{low[i]:.6g}, {high[i]:.6g}]"
-            raise InvalidInput("onto", f"{q[i]:.6g} for {self.robot.joint_names[i]}", expected)
+        q = clip_joints(self.robot, q, "onto")
         goal = np.stack([q, 0.0 * q, 0.0 * q])
         arrived = (np.abs(X - goal).max(axis=1) < ARRIVED).all()
 
@@ -309,8 +308,8 @@ class ChunkFollower:
     """The motions that follow one chunk from a state (3, n), at an age of the chunk [s]."""
 
     def __init__(self, engine: Retargeter, X: Array, chunk: Chunk, age: float) -> None:
-        self._engine, self._X, n = engine, X, engine.robot.n
-        P, rate, repaired, clipped, jumps = read_targets(chunk, engine.robot, engine.free, engine.ranges, X[0], age)
+        self._engine, self._X, self._budget, n = engine, X, WORK, engine.robot.n
+        P, rate, repaired, clipped, jumps = read_targets(chunk, engine.robot, engine.free, engine.ranges)
         self._extent = P.min(axis=0), P.max(axis=0)
         spans, end = min(len(P) - 1, MOST_SPANS), (len(P) - 1) / rate
         self._c, self._h = np.empty((spans + 5, n)), end / spans
@@ -320,14 +319,13 @@ class ChunkFollower:
         s0 = min(max(age, 0.0), LATEST * end)
         if engine.align == "nearest" and s0 > 0.0:
             places = np.linspace(0.0, s0, TRIED)
-            away = np.abs(self._sample(places, 1)[:, 0] - X[0]).max(axis=1)
+            away = np.abs(unwind(engine.robot, self._sample(places, 1)[:, 0], X[0]) - X[0]).max(axis=1)
             s0 = float(places[np.flatnonzero(away <= away.min() + engine.tolerance)[-1]])  # nearer ones are noise
-        skipped = ceil(s0 * chunk.rate - 1e-9)
-        counts = {"skipped": skipped, "repaired": repaired, "clipped": clipped, "jumps": jumps}
-        self._facts: dict[str, Any] = counts | {"scatter": scatter}
+        self._c += unwind(engine.robot, place := self._sample(np.array([s0]), 1)[0, 0], X[0]) - place
+        self._facts: dict[str, Any] = {"repaired": repaired, "clipped": clipped, "jumps": jumps, "scatter": scatter}
+        self._facts["skipped"] = ceil(s0 * chunk.rate - 1e-9)
         # A chunk observed in the future begins then, if it is entered by its clock.
         self._wait = max(-age, 0.0) if engine.align == "clock" else 0.0
-        self._budget = WORK * n * (LOADED if engine.others else max(spans, LEAST_SPANS))
         self._s = np.linspace(s0, end, int(min(max(PLACES[0], (end - s0) / APART), PLACES[1])))
         self._R = self._sample(self._s, 4)
 
@@ -345,10 +343,10 @@ class ChunkFollower:
         facts = self._facts | {"reference": Reference(self._c, self._h, when, s, self._error)}
         targets = self._sample(s, 1)[:, 0].copy()
         j, used, knots, count, c = track(self._X, box, when, targets, longest, self._budget)
-        self._budget -= used + (PROOF * knots.size if engine.others else 0)
+        self._budget -= used + PROOF * knots.size
         if j == -2:
-            words = f"not found within the budget of work: the chunk takes {when[-1]:.3g} s, a part of it less"
-            return _Attempt(None, words, facts)
+            words = f"not found within the budget of work of one call: {when[-1]:.3g} s in pieces of at most {longest:.2g} s"
+            return _Attempt(None, words + "; send fewer targets or a shorter chunk, or set a larger longest", facts)
         if j >= 0:
             return _Attempt(None, f"no motion of {engine.robot.joint_names[j]} within its limits was found", facts)
         return _Attempt(JointCubics(knots, count, c), "", facts)
@@ -367,7 +365,7 @@ class ChunkFollower:
         sweep(s, rows, cap, first * first, min(LEAST_PACE, pace) ** 2, x, t)
         ramp = np.minimum(box[:, 2, 1], -box[:, 2, 0]) / np.minimum(box[:, 3, 1], -box[:, 3, 0])
         width = max(float(ramp.max()), SHORTEST_WINDOW)
-        longest = engine.longest * max(1.0, float(t[-1] / (SLOW[0] + SLOW[1] * (s[-1] - s[0]) / self._h)))
+        longest = engine.longest * max(1.0, float(t[-1] / (SLOW[0] + SLOW[1] * min((s[-1] - s[0]) / self._h, COUNTED))))
         step = 0.5 * longest
         when = np.arange(0.0, min(t[-1] + 0.5 * width, MOST_PIECES * longest) + 2.0 * step, step)
         out = np.empty_like(when)
@@ -387,6 +385,20 @@ class ChunkFollower:
                 found = self._engine.limits.rows(name, points) / part
                 extra.append(np.pad(found, ((0, 0), (0, 0), (0, 4 - found.shape[2]))))
         return np.ascontiguousarray(np.concatenate(extra, axis=1))
+
+
+def clip_joints(robot: Robot, q: Array, argument: str) -> Array:
+    """Return joints (n,) clipped to their ranges, which they may exceed by the rounding of an encoder."""
+    clipped, ends = robot.limits.clip(q), robot.limits
+    i = int((excess := np.abs(q - clipped)).argmax())
+    if excess[i] > ROUNDED:
+        words = f"{q[i]:.6g} for {robot.joint_names[i]}, {excess[i]:.3g} outside"
+        asked, expected = (
+            ask_for_degrees(ends, ~robot.prismatic, q),
+            f"a value in [{ends.lower[i]:.6g}, {ends.upper[i]:.6g}]",
+        )
+        raise InvalidInput(argument, words, expected, advice=asked)
+    return clipped
 
 
 def _box(robot: Robot, limits: MotionLimits) -> Array:

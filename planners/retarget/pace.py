@@ -86,12 +86,8 @@ def joint_rows(R: Array, limits: Array, pace: float, rows: Array, cap: Array) ->
                 cap[i] = min(cap[i], (min(limits[j, 3, 1], -limits[j, 3, 0]) / third) ** (2.0 / 3.0))
             middle = 0.5 * (limits[j, 2, 1] + limits[j, 2, 0])
             half = 0.5 * ACCELERATION_PART * (limits[j, 2, 1] - limits[j, 2, 0])
-            rows[i, j, 0], rows[i, j, 1], rows[i, j, 2], rows[i, j, 3] = (
-                first / half,
-                second / half,
-                0.0,
-                -middle / half,
-            )
+            rows[i, j, 0], rows[i, j, 1] = first / half, second / half
+            rows[i, j, 2], rows[i, j, 3] = 0.0, -middle / half
 
 
 @parallel

@@ -24,8 +24,8 @@ REACHED, SAME = 1e-11, 1e-6
 """Largest distance of the tool from a reached pose [m, rad], and of equal configurations [rad, m]."""
 UNEVEN, SWEEPS = 2.0, 20
 """Largest motion of redundant joints between two poses over the mean one, above which all are made more even, and how often."""
-FOUND, MISSED, SINGULAR, OUTSIDE = range(4)
-"""Results of a pose: found; not reached; singular, or next to one; OUTSIDE + i: joint i leaves its range."""
+FOUND, MISSED, SINGULAR, LEAVES = range(4)
+"""Results of a pose: found; not reached; singular, or next to one; LEAVES + i: joint i leaves its range."""
 WORDS = "", "is not reached on the arm's branch", "is singular, or the joints pass a singular configuration on the way"
 """The first three results in words."""
 
@@ -43,7 +43,7 @@ def _approach(chain: Chain, target: Array, ranges: Array, q: Array) -> int:
         if np.abs(e).max() <= REACHED:
             over = np.maximum(ranges[0] - q, q - ranges[1])
             if over.max() > LIMIT_TOLERANCE:
-                return OUTSIDE + int(over.argmax())
+                return LEAVES + int(over.argmax())
             around = ((q - start) ** 2).sum() > LARGEST_RATIO * LARGEST_RATIO * whole + SAME * SAME
             return SINGULAR if around or smallest_singular_value(J, LEAST_SINGULAR) < LEAST_SINGULAR else FOUND
         J *= free

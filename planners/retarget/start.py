@@ -10,7 +10,7 @@ import scipy
 from optik.check import format_value, real_array
 from optik.errors import InvalidInput
 from planners.retarget.cubics import BRIEF_REST
-from planners.retarget.engine import Retargeter
+from planners.retarget.engine import Retargeter, clip_joints
 from planners.retarget.jog import Jog
 from planners.trajectory import Trajectory, join, make_rest
 
@@ -22,9 +22,7 @@ def begin(engine: Retargeter, start: Any, argument: str) -> Trajectory:
     """Return the running motion of an argument, which ends at rest: a moving end or state is stopped within the limits."""
     robot, n = engine.robot, engine.robot.n
     curve = start if isinstance(start, Trajectory) else getattr(start, "trajectory", None)
-    expected = (
-        f"a motion of {n} joints, {n} finite joint values inside the ranges, or a state (q, q̇, q̈) of shape (3, {n})"
-    )
+    expected = f"a motion of {n} joints, {n} finite joint values, or a state (q, q̇, q̈) of shape (3, {n})"
     if curve is not None:
         X = np.array([curve(curve.end, order) for order in range(3)])
         rests = np.abs(X[1]).max() <= AT_REST
@@ -32,8 +30,10 @@ def begin(engine: Retargeter, start: Any, argument: str) -> Trajectory:
         X = real_array(start, argument, expected)
         X = np.stack([X, *np.zeros((2, X.size))]) if X.ndim == 1 else X
         rests = not X[1:].any()
-    if X.shape != (3, n) or (curve is None and not (np.isfinite(X).all() and robot.limits.contains(X[0]))):
+    if X.shape != (3, n) or not np.isfinite(X).all():
         raise InvalidInput(argument, format_value(start, 60), expected)
+    if curve is None:
+        X = np.stack([clip_joints(robot, X[0], argument), *X[1:]])
     if rests:
         return curve or make_rest(X[0], 3.0 * BRIEF_REST)
     moving = scipy.interpolate.PPoly((X / [[1.0], [1.0], [2.0]])[::-1, None], np.array([0.0, BRIEF_REST]))

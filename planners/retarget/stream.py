@@ -124,9 +124,7 @@ class Stream(Iterator[Setpoint]):
         """Called with each motion that was proved and the time at which it begins [s], before it does."""
         self.error: Exception | None = None
         """What the source or a computation raised. After it no target is taken; it is raised when the arm is at rest."""
-        self._kept, self._cut = (
-            dict[str, tuple[str, int]]() for _ in range(2)
-        )  # by kind: the first text, and the count
+        self._kept, self._cut = (dict[str, tuple[str, int]]() for _ in range(2))  # by kind: the first text, the count
         self._joined = self._late = self._missed = 0
         self._facts = np.zeros(4)  # skipped, clipped and jumping targets; the largest scatter
         self._cpu, self._delay, self._needed = (deque[float](maxlen=KEPT_TIMES) for _ in range(3))
@@ -200,13 +198,14 @@ class Stream(Iterator[Setpoint]):
             target = self._source(now)
             if target is None:
                 return
+            self._heard = now.t
             at = ceil((now.t + self.budget) * self.rate - 1e-9) / self.rate
             base, begin = self._running, self._begin
             if self._waiting:
                 base, begin = self._waiting[-1][0].trajectory, self._waiting[-1][1]
             at = max(at, begin)
             if self._pool is None:
-                self._take(now.t, *self._compute(base, begin, at, target), at)
+                self._take(*self._compute(base, begin, at, target), at)
             else:
                 self._work = self._pool.submit(self._compute, base, begin, at, target), at, now.t
         except Exception as error:
@@ -214,6 +213,7 @@ class Stream(Iterator[Setpoint]):
 
     def _refuse(self, error: Exception) -> None:
         """Count a target that is not valid, or a failed plan; after any other error, take no more targets."""
+        self._heard = self._given
         if isinstance(error, InvalidInput | NoSolution):
             _count(self._kept, str(error))
         else:
@@ -227,9 +227,8 @@ class Stream(Iterator[Setpoint]):
         found = self.engine.run(base, at - begin, target)
         return found, time.thread_time() - since
 
-    def _take(self, t: float, found: Retargeted, seconds: float, at: float) -> None:
-        """Let the motion onto a target of time t begin at its time, or count why it does not."""
-        self._heard = t
+    def _take(self, found: Retargeted, seconds: float, at: float) -> None:
+        """Let the motion onto a target begin at its time, or count why it does not."""
         self._cpu.append(seconds)
         if self._given > at + 1e-9:  # the running motion's set-points after this instant were given
             self._late += 1
@@ -249,7 +248,7 @@ class Stream(Iterator[Setpoint]):
             (work, at, asked), self._work = self._work, None
             self._needed.append(max(self._given - asked, 0.0))
             try:
-                self._take(asked, *work.result(), at)
+                self._take(*work.result(), at)
             except Exception as error:
                 self._refuse(error)
         joined: Retargeted | None = None
@@ -312,7 +311,8 @@ def stream(
     rate : float
         Set-points per second [1/s].
     limits, tolerance, pace, align, longest, scene
-        As for `planners.retarget`; the limits are by default the robot's.
+        As for `planners.retarget`; the limits are by default the robot's. Targets that scatter are smoothed by up to
+        four tolerances. Pieces of slow motions last longer than `longest`.
     budget : float
         Time from the arrival of a target to the start of its motion [s]. A result that comes later is dropped.
     silence : float, optional

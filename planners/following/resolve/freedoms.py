@@ -23,8 +23,10 @@ SAMPLES_PER_COEFFICIENT = 4
 """Values of a coordinate for each coefficient that is fitted to it."""
 MORE_COEFFICIENTS = (1.0, 1.5, 2.5, 5.0)
 """Numbers of coefficients, over that of the path, that are fitted until one can be followed."""
-GUESSES: tuple[tuple[dict[str, float], int], ...] = (({"turn": np.inf}, 5), ({"turn": np.inf, "tilt": 0.3}, 3))
-"""Freedoms [rad] in which guesses are searched for, and the number of guesses."""
+GUESSES: tuple[tuple[dict[str, float], int], ...] = (
+    ({"turn": np.inf}, 5), ({"tilt": 0.3}, 3), ({"turn": np.inf, "tilt": 0.3}, 3)
+)  # fmt: skip
+"""Freedoms [rad] in which guesses are searched for if a path has all of them, and the number of guesses."""
 ENDS, SAME_WAY = [0, -1], 0.1
 """Sequences whose end configurations differ by less than this [rad, m] count as one guess."""
 MOST_CAUTION = 3
@@ -95,21 +97,23 @@ class Resolver:
     def guess(self, count: int) -> tuple[list[FreeWay], Resolution]:
         """Return sequences as initial guesses, clipped to the ranges of the freedoms.
 
-        The search uses an unlimited turn and, if the tilt is free, also a tilt, whatever the ranges are. So more freedom starts
-        from the same guesses, or from more.
+        The searches use each of the freedoms turn and tilt that the path has, and both, whatever their ranges are. So more
+        freedom starts from the same guesses, or from more.
         """
         path, ways = self.path, list[FreeWay]()
         assert isinstance(path, FreePath)
-        for kinds, most in GUESSES if "tilt" in path.bounds else GUESSES[:1]:
-            wide = FreePath(self.given, {kind: (-top, top) for kind, top in kinds.items()})
+        sets = [({kind: (-top, top) for kind, top in kinds.items()}, most) for kinds, most in GUESSES]
+        known = [one for one in sets if one[0].keys() <= path.bounds.keys()]
+        for bounds, most in known or [(path.bounds, count)]:
+            wide = FreePath(self.given, bounds)
             resolver = Resolver(self.sampler.own, wide, self.sampler.collision, self._time_limit)
             found, made = resolver.find(None, held=False, many=False, count=min(most, count))
             if made.limited:  # a search that the clock ended is not repeatable
                 break
-            for s, q, f in (resolver.relax(parts[0]) for parts in found):
+            for s, q, f in resolver.relax([parts[0] for parts in found]):
                 values = np.tile(path.coefficients[:1], (len(s), 1))
-                for name in wide.bounds.keys() & path.bounds.keys():
-                    values[:, path.columns[name]] = f[:, wide.columns[name]]
+                for name, columns in wide.columns.items():
+                    values[:, path.columns[name]] = f[:, columns]
                 q, ok = self.sampler.project(
                     np.append(q, values[:, np.argsort(self._columns)], axis=1), self.given.pose(s)
                 )
@@ -118,10 +122,10 @@ class Resolver:
                     ways.append(way)
         return ways, made
 
-    def relax(self, sequence: Sequence, caution: int = 0) -> FreeWay:
-        """Return a sequence with a shorter motion."""
-        s, q = relax(self.sampler, self.given, sequence, held=self._held, caution=caution)
-        return FreeWay(s, q[:, : self.n], q[:, self._columns])
+    def relax(self, sequences: list[Sequence], caution: int = 0) -> list[FreeWay]:
+        """Return the sequences with shorter motions."""
+        found = relax(self.sampler, self.given, sequences, held=self._held, caution=caution)
+        return [FreeWay(s, q[:, : self.n], q[:, self._columns]) for s, q in found]
 
     def candidates(self, found: list[Sequence], ways: list[FreeWay]) -> Iterator[tuple[FreePath, FreeWay]]:
         """Yield paths with coefficients of sequences that were relaxed: few coefficients first, then farther from limits."""
@@ -130,7 +134,7 @@ class Resolver:
             for sequence, way in zip(found, ways, strict=True):
                 if caution and self.sampler.is_over:
                     return
-                chosen = self.relax(sequence, caution) if caution else way
+                chosen = self.relax([sequence], caution)[0] if caution else way
                 for factor in MORE_COEFFICIENTS if self.path.counts_itself else (1.0,):
                     count = int(factor * self.path.spline.count)
                     path = self.path if factor == 1.0 else self.path.with_count(count)

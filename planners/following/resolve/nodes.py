@@ -36,6 +36,8 @@ SAME_ROOT = 1e-5
 """Configurations nearer than this [rad, m] are one root of an arm with six joints."""
 EACH_GIVEN = 4
 """One guess in this number has the given values of the freedoms."""
+ARRIVED = 1e-6
+"""Error [m, rad] up to which a configuration is moved by steps of least norm alone."""
 MOST_WORK, DRAW_WORK = 1_500_000, 8
 """Largest number of configurations that one search moves or checks, and the number that a random guess counts as. Either kind
 alone uses this budget up in about 10 s, on one core among few obstacles."""
@@ -178,7 +180,10 @@ class Sampler:
         """Return configurations moved onto poses with the least motion by the weights of the joints, and which arrive."""
         q, W = np.array(q, order="C"), 1.0 / self.weights
         for _ in range(3):
-            J, e = self.arm.jacobian(q), self.arm.pose_errors(q, poses)
+            e = self.arm.pose_errors(q, poses)
+            if np.abs(e).max(initial=0.0) < ARRIVED:
+                break
+            J = self.arm.jacobian(q)
             JW = J * W
             y = np.linalg.solve(JW @ np.swapaxes(J, 1, 2) + 1e-12 * np.eye(6), e[..., None])[..., 0]
             q += np.einsum("kij,ki->kj", JW, y)

@@ -24,14 +24,21 @@ LONGER, SHORTER = 1.5, 0.4
 """Factors of the step after one that was accepted, and after one that was not."""
 
 
-def relax(sampler: Sampler, path: Path, given: Sequence, *, held: bool, caution: int = 0) -> Sequence:
-    """Return a shorter sequence: each configuration moves towards the mean of its neighbours, and stays inside and free.
+def relax(sampler: Sampler, path: Path, given: list[Sequence], *, held: bool, caution: int = 0) -> list[Sequence]:
+    """Return shorter sequences: each configuration moves towards the mean of its neighbours, and stays inside and free.
 
     Each further degree of caution keeps it farther from limits and contact.
     """
-    s, q, limits = given.s, given.q.copy(), sampler.arm.limits
+    if not given:
+        return []
+    s, q, limits = (
+        np.concatenate([one.s for one in given]),
+        np.concatenate([one.q for one in given]),
+        sampler.arm.limits,
+    )
+    row, last = (np.concatenate([np.arange(len(one.s))[::way] for one in given]) for way in (1, -1))  # from both ends
     (sigma, sides), regular = sampler.regularity(q), REGULAR * (1 + caution)
-    poses, step, K = np.ascontiguousarray(path.pose(s)), np.ones(len(q)), len(q)
+    poses, step = np.ascontiguousarray(path.pose(s)), np.ones(len(q))
     pad = INSIDE * (1 + caution) * np.where(limits.bounded, limits.half, 0.0)
     push, wanted = LIMITS_PUSH * 3.0**caution, WANTED_ROOM * (1 + caution)
     floor = np.minimum(KEPT_ROOM * sampler.rooms(q), wanted)
@@ -42,10 +49,9 @@ def relax(sampler: Sampler, path: Path, given: Sequence, *, held: bool, caution:
     for _ in range(SWEEPS):
         moved = 0.0
         for parity in (0, 1):
-            k = np.arange(parity, K, 2)
-            k = k[1:] if held and parity == 0 else k
-            left, right = np.maximum(k - 1, 0), np.minimum(k + 1, K - 1)
-            left, right = np.where(k == 0, right, left), np.where(k == K - 1, left, right)  # an end has one neighbour
+            k = np.flatnonzero((row % 2 == parity) & ((row > 0) | (not held)))
+            below, above = np.sign(row[k]), np.sign(last[k])  # an end has one neighbour
+            left, right = k + np.where(below, -1, above), k + np.where(above, 1, -below)
             u = np.where(left < right, (s[k] - s[left]) / np.where(left < right, s[right] - s[left], 1.0), 0.0)[:, None]
             to = step[k, None] * ((1.0 - u) * q[left] + u * q[right] - q[k])
             on, ok = sampler.project_slowly(q[k] + to - push * limits.normalise(q[k]) ** 7, poses[k])
@@ -60,4 +66,5 @@ def relax(sampler: Sampler, path: Path, given: Sequence, *, held: bool, caution:
             step[k] = np.where(ok, np.minimum(1.0, LONGER * step[k]), SHORTER * step[k])
         if moved < MOVED:
             break
-    return Sequence(s, q)
+    ends = np.flatnonzero(last == 0)[:-1] + 1
+    return [Sequence(*pair) for pair in zip(np.split(s, ends), np.split(q, ends), strict=True)]
