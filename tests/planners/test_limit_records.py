@@ -349,3 +349,11 @@ def test_a_start_where_the_limit_by_position_is_zero_may_move_away_and_a_goal_th
         assert found and found.certificate.worst("velocity_by_position")[0] <= 1.0
         refused = plan(robot, near, home, limits=limits)
         assert refused.status == "timing_infeasible" and f"end {end:.6g} of its range" in refused.failure.reason
+
+
+@pytest.mark.parametrize(("friction", "slenderness"), [(0.3, None), (None, 4.0), (0.3, 4.0), (0.3, 2.0)])
+def test_a_scaled_tray_has_the_scaled_angle(friction: float | None, slenderness: float | None) -> None:
+    tray = Tray(friction, slenderness, UP)
+    scaled = tray.scaled(0.5)
+    assert scaled.largest_angle == pytest.approx(0.5 * tray.largest_angle, rel=1e-12)
+    assert (scaled.friction is None, scaled.slenderness is None) == (friction is None, slenderness is None)

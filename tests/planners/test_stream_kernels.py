@@ -8,7 +8,7 @@ from scipy.interpolate import BSpline
 
 from planners import MotionLimits
 from planners.retarget.cubics import JointCubics
-from planners.retarget.interior import make_factors, make_stencils
+from planners.retarget.interior import _add_transposed, make_factors, make_stencils
 from planners.retarget.pace import ACCELERATION_PART, VELOCITY_PART, joint_rows, smooth_pace, sweep
 from planners.retarget.tracking import CUT, _list_instants, make_objective, track
 from planners.retarget.transfer import Transfer, join
@@ -169,3 +169,20 @@ def test_phases_are_joined_exactly_and_a_plan_is_entered_without_a_step() -> Non
     still = np.stack([np.ones(3), np.zeros(3), np.zeros(3)])
     rest = join(still, still, np.zeros((3, 2)), np.zeros((3, 2)))
     assert 0.0 < rest.end < 0.01 and (rest.trajectory(rest.end) == 1.0).all()
+
+
+def test_transposed_rows_are_those_of_the_stencils() -> None:
+    rng = np.random.default_rng(11)
+    T = np.cumsum(rng.uniform(0.01, 0.04, 9))
+    N = T.size - 1
+    f, A, w, g = np.empty((3, N + 3)), np.zeros((9, N + 3)), rng.normal(size=(4, N + 3)), rng.normal(size=N + 3)
+    make_factors(T, f)
+    make_stencils(f, A)
+    wanted = g + w[0]
+    for order, first in enumerate(
+        (0, 2, 5), 1
+    ):  # rows of velocity, acceleration and jerk, over 2, 3 and 4 control points
+        for i in range(N + 3 - order):
+            wanted[i : i + order + 1] += w[order, i] * A[first : first + order + 1, i]
+    _add_transposed(f, w.copy(), g)
+    np.testing.assert_allclose(g, wanted, rtol=1e-9, atol=1e-9 * np.abs(wanted).max())
