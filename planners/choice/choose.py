@@ -32,7 +32,8 @@ freedom is used."""
 LEAST_GAIN = 1e-4
 """Least fraction by which a chosen path must shorten the motion to be used."""
 NEARLY, TRAVEL_SAMPLES = 1.002, 1001
-"""Ratio to the shortest duration up to which the motion with the least travel of the joints is taken; samples of a motion."""
+"""Ratio to the shortest duration below which motions count as equally fast; among them the one with the least joint travel is
+taken. Number of samples of a motion."""
 SAME_GUESS, SLOW_GUESS = 0.02, 1.2
 """Guesses whose joints stay nearer than this [rad, m] are one; ratio to the least time of a guess up to which one is tried."""
 REPORT_POINTS = 101
@@ -325,7 +326,7 @@ def measure_travel(q: Array) -> float:
 
 
 def pick_plan(plans: Sequence[P]) -> P:
-    """Return the plan with the least travel of the joints among those that take hardly longer than the shortest."""
+    """Return the plan with the least joint travel among those at most 0.2 % longer than the shortest."""
     motions = [plan.trajectory for plan in plans]
     most, u = NEARLY * min(motion.duration for motion in motions), np.linspace(0.0, 1.0, TRAVEL_SAMPLES)
     travels = [measure_travel(m(u * m.duration)) if m.duration <= most else np.inf for m in motions]

@@ -1,4 +1,4 @@
-"""Paths that need little time, or little travel of the joints: sequences that were found, and constant orientations."""
+"""Candidate paths with a short duration or little joint travel: from sequences, and with constant orientations."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from planners.paths.free_path import FreePath
 DENSE, STATIONS = 201, 26
 """Points of the path at which the winding of the given poses is measured, and at which the joints are tracked."""
 LEAST_WINDING = 0.5
-"""Winding of the given poses against a constant orientation [rad] from which this is a guess of its own."""
+"""Least rotation of the given poses about the tool axis [rad] for which a constant orientation is a separate initial guess."""
 OFFSETS, START_STEPS = 16, 8
 """Orientations inside the range that are compared, and steps to the start of each."""
 ALIKE = 1.02
-"""Ratio to the least time up to which the path with the least travel is the only one that is tried."""
+"""If the path with the least travel takes at most this multiple of the least time, only that path is tried."""
 ALONG = 0.1
-"""Least part of the tool's velocity across the axis of the turn for which the tangent is a direction about it."""
+"""Least fraction of the tool's velocity perpendicular to the turn axis for which the tangent defines a direction about it."""
 
 
 def find_easy(path: FreePath, own: JointPath, ways: Sequence[FreeWay], *, held: bool) -> list[FreeWay]:
-    """Return the sequences along a path that need least time, or least travel of the joints, and less than the path itself."""
+    """Return the candidates with the least time and with the least joint travel; none that is the given path."""
     s = np.linspace(0.0, path.end, STATIONS)
     found = [FreeWay(s, own(s), path.coordinates(s)[:, 0]), *ways, *_keep_orientations(path, own, ways, s, held=held)]
     times, travels = [measure_time(own.robot, way.q) for way in found], [measure_travel(way.q) for way in found]
@@ -39,9 +39,10 @@ def find_easy(path: FreePath, own: JointPath, ways: Sequence[FreeWay], *, held: 
 def _keep_orientations(
     path: FreePath, own: JointPath, ways: Sequence[FreeWay], s: Array, *, held: bool
 ) -> Iterator[FreeWay]:
-    """Yield sequences at s of constant orientations, continued from the first joints of the path and of other sequences.
+    """Yield sequences at s with a constant orientation, continued from the first joints of the path and of other sequences.
 
-    There is none where no freedom is a turn about an axis through the tool's point, or where the given poses hardly wind.
+    Nothing is yielded if no freedom is a rotation about an axis through the tool point, or if the given poses hardly rotate
+    about it.
     """
     robot, dense = own.robot, np.linspace(0.0, path.end, DENSE)
     ranges = robot.limits.middle, np.where(robot.limits.bounded, robot.limits.half, np.inf)

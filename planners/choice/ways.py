@@ -86,9 +86,9 @@ def choose_path(
     planner: PathPlanner[Q], path: FreePath | PointToPoint, followed: FollowResult, scene: Scene | None,
     ways: Sequence[FreeWay] = (), *, held: bool, retime: Callable[[Q], Q] | None = None,
 ) -> Q:  # fmt: skip
-    """Return the plan over the freedoms of a path with the least motion of the joints among those that are nearly the fastest.
+    """Return the plan over the freedoms of a path with the least joint travel among the nearly fastest ones.
 
-    The planner chooses paths by the law optimal; the plans are compared with the law of `retime`, if there is one.
+    The planner chooses paths by the law optimal. If `retime` is given, the plans are compared after retiming with its law.
     """
 
     def plan_along(chosen: FreePath | PointToPoint, q: Array) -> Q | None:
@@ -117,7 +117,7 @@ def choose_path(
             outcome=outcome + ("" if best.trajectory.duration < duration else ": the joints move less")
         )
     elif made.outcome == CHOSEN:
-        made = made._replace(outcome="the initial path: no other takes clearly less time, or less motion of the joints")
+        made = made._replace(outcome="the initial path: no other is shorter in time or in joint travel")
     return replace(best, freedom=report(best, made, duration))
 
 

@@ -123,9 +123,9 @@ class MotionPlanner:
         return path, followed._replace(failure=made.explain(followed.failure), resolution=made), []
 
     def _begin(self, path: FreePath, q_start: ArrayLike, duration: float | None) -> tuple[FreePath, Array, Plan | None]:
-        """Return the path from a given start, the start, and the plan without a given start if it chooses this one.
+        """Return the path from a given start, the start, and the plan without a given start if that plan has the same start.
 
-        A start that is held keeps its own turn and tilt, if they are allowed; one that is free is moved to those of the path.
+        A held start keeps its own turn and tilt within their ranges; a start that is not held is moved onto the path.
         """
         robot, pose, q = self.request.robot, path.pose(0.0), check_start(self.request.robot, q_start, "q_start")
         given = np.abs(robot.pose_errors(q, pose)).max() <= START_TOLERANCE or not self.solver.task.is_pose
@@ -149,16 +149,14 @@ class MotionPlanner:
         return make_follower(self.solver, path, q, branch, self.samples, allowed, scene, seconds, way).run()
 
     def follow_from(self, path: Path, q: Array, scene: Scene | None, way: Sequence | None = None) -> FollowResult:
-        """Return the joint path from a computed start, after it is moved exactly onto the path and into the limits."""
+        """Return the joint path from a computed start, which is first corrected onto the path and clipped to the limits."""
         robot, pose, start = self.request.robot, path.pose(np.zeros(1)), np.array(q[None])
         newton.polish_batch(robot.chain, start, pose, START_STEPS)
         start = robot.limits.clip(start)
         if np.abs(robot.pose_errors(start, pose)).max() <= START_TOLERANCE and robot.limits.contains(start).all():
             return self.follow(path, start[0], "start", scene, way)
-        off = PlanFailure(
-            FollowStatus.OUTSIDE_LIMITS, 0.0, None, "no start inside the limits is on the chosen path", ""
-        )
-        return FollowResult(None, off)
+        why = "the chosen path has no start configuration inside the limits"
+        return FollowResult(None, PlanFailure(FollowStatus.OUTSIDE_LIMITS, 0.0, None, why, ""))
 
     def time(
         self, path: Path, followed: FollowResult, duration: float | None, density: float = 1.0
@@ -214,7 +212,7 @@ class MotionPlanner:
         return replace(self, request=replace(self.request, law=Optimal(), limits=limits))
 
     def _density(self, path: Path) -> float:
-        """Return the density of the grid for a path that is chosen: finer around obstacles, and where it has many segments."""
+        """Return the grid density for a chosen path: finer around obstacles and for many segments."""
         return DENSITIES[-1] if self.request.avoid is not False or path.segments > FEW_SEGMENTS else 1.0
 
     def _retime(self, found: Plan) -> Plan:

@@ -31,7 +31,7 @@ def retarget(
     Parameters
     ----------
     motion : Plan, Motion or Retargeted; with `robot` also Trajectory or (3, n) array
-        The running motion; or the arm's measured state q, q̇, q̈ at ``at=0``, from which the running motion is the stop.
+        The running motion, or the measured state (q, q̇, q̈) at ``at=0``; then the running motion is the stop from this state.
     at : float
         Its time at which the new motion begins [s].
     onto : Chunk, (n,) array, or Plan, Motion or Retargeted
@@ -43,7 +43,7 @@ def retarget(
     pace : float
         Largest rate of the chunk, over its own; above 1 to be faster than the chunk says [1].
     align : {"nearest", "clock"}
-        Enter the chunk where it is nearest to the arm within the tolerance, not later than by its clock; or by its clock.
+        "nearest" enters the chunk where it is nearest to the arm, but not later than by its clock; "clock" by its clock.
     longest : float
         Longest duration of a piece [s]: shorter ones follow more closely, at more work. Slow motions have longer ones.
     scene : Scene, optional

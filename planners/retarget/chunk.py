@@ -20,7 +20,7 @@ from planners.certificate.checks import check_rate
 FEWEST, MOST = 4, 1000
 """Points of a reference: a chunk with fewer is divided; and the largest number of a chunk."""
 OUTSIDE = (0.005, 0.1)
-"""Distances beyond the ranges up to which targets are clipped to them: sliding joints [m], turning ones [rad]."""
+"""Distances beyond the ranges up to which targets are clipped to them: prismatic joints [m], revolute ones [rad]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,14 +56,15 @@ class Chunk:
         for k, pose in enumerate(points if poses else ()):
             check_pose(pose, f"points[{k}]")
         if not poses and not (finite := np.isfinite(points).all(axis=1)).all():
-            raise InvalidInput("points", f"{points[k := int(finite.argmin())]} in row {k}"[:80], expected)
+            got = "NaN" if np.isnan(points[k := int(finite.argmin())]).any() else "an infinite number"
+            raise InvalidInput("points", f"{got} in row {k}", "finite numbers")
         object.__setattr__(self, "points", points)
         object.__setattr__(self, "rate", check_rate(self.rate))
         object.__setattr__(self, "observed", check_number(self.observed, "observed", "a time [s]"))
 
 
 def read_targets(chunk: Chunk, robot: Robot, free: Flags, ranges: Array) -> tuple[Array, float, int, int, int]:
-    """Return the targets (m, n) that are meant, their rate [1/s], and the numbers of changed and clipped ones, and of jumps.
+    """Return the repaired targets (m, n), their rate [1/s], and the numbers of repaired targets, clipped targets and jumps.
 
     Joints without limits (`free`) take the shortest way from target to target, from half a turn around 0 on. A target that
     equals the one before in all joints, but not the next one, stands for a missing one. It becomes the mean of its neighbours.
@@ -83,7 +84,7 @@ def read_targets(chunk: Chunk, robot: Robot, free: Flags, ranges: Array) -> tupl
 
 
 def refuse_targets(P: Array, robot: Robot) -> str:
-    """Return why targets (m, n) are too far outside the ranges to be meant, or nothing."""
+    """Return why targets (m, n) are too far outside the ranges to be followed, or an empty text."""
     lower, upper = np.maximum(robot.limits.lower, -LARGEST_LIMIT), np.minimum(robot.limits.upper, LARGEST_LIMIT)
     grace, beyond = np.where(robot.prismatic, *OUTSIDE), np.maximum(lower - P, P - upper)
     excess = beyond.max(axis=0)
@@ -91,10 +92,11 @@ def refuse_targets(P: Array, robot: Robot) -> str:
         return ""
     i = int((np.minimum(excess, LARGEST_LIMIT) / grace).argmax())
     k = int(beyond[:, i].argmax())
-    reach = f"its range [{robot.limits.lower[i]:.6g}, {robot.limits.upper[i]:.6g}]"
+    unit = "m" if robot.prismatic[i] else "rad"
+    reach = f"its range [{robot.limits.lower[i]:.6g}, {robot.limits.upper[i]:.6g}] {unit}"
     if np.isinf((robot.limits.lower if P[k, i] < lower[i] else robot.limits.upper)[i]):
-        reach = f"±{LARGEST_LIMIT:g}, the most that is computed with"
-    words = f"{P[k, i]:.6g}, {excess[i]:.3g} {'m' if robot.prismatic[i] else 'rad'} beyond {reach}"
+        reach = f"±{LARGEST_LIMIT:g} {unit}, the largest position that is computed with"
+    words = f"{P[k, i]:.6g} {unit}, {excess[i]:.3g} {unit} outside {reach}"
     asked = ask_for_degrees(robot.limits, ~robot.prismatic, P)
     return f"target {k} of {robot.joint_names[i]} is {words}{': ' if asked else ''}{asked}"
 

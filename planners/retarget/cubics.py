@@ -14,7 +14,7 @@ from planners.trajectory import Trajectory, without_rounding
 SAME_TIME = 1e-9
 """Largest difference of times that are equal [s]."""
 SAME_KNOT = 1e-13
-"""Difference between knots of joints that is rounding [s]."""
+"""Largest difference of two joints' knots that counts as rounding [s]."""
 SAME_PLACE = 1e-14
 """Distance to a goal that is rounding, over the larger of the position and 1 [rad, m]."""
 SHORTEST, BRIEF_REST = 1e-12, 1e-3

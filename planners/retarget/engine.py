@@ -43,8 +43,8 @@ is lowered."""
 LEAST_PART, STOP_PART = 0.1, 1.1
 """Least accelerations that remain: over their own limits, and over those that stop a joint at the end of its range."""
 SLOW_END, BRAKE_PART = 0.05, 0.8
-"""Velocity that is allowed within the tolerance of clipped targets, if limits of velocities fall to the end [rad/s, m/s]; and
-the part of the deceleration with which such a limit is touched: its proof needs room."""
+"""Velocity permitted within the tolerance of clipped targets if velocity limits fall towards the range end [rad/s, m/s];
+fraction of the deceleration used there, which leaves room for the proof."""
 SHORTEST_WINDOW = 0.02
 """Shortest window over which a pace is averaged [s]."""
 TRIED, MOST_PIECES = 31, 8000
@@ -52,18 +52,21 @@ TRIED, MOST_PIECES = 31, 8000
 ARRIVED = (1e-10, 1e-12, 1e-12)
 """Distances from a goal at rest in position, velocity and acceleration that are rounding [rad, rad/s, rad/s², or m]."""
 SCATTERS, MOST_TOLERANCE = 4.0, 4.0
-"""Scatters of the targets that a reference may differ from them, but at most this multiple of the tolerance."""
+"""The tolerance is raised to this multiple of the scatter, at most to this multiple of itself."""
 ROUNDED = 1e-6
 """Excess over a range up to which joints are clipped to it [rad, m]."""
 LATEST = 0.98
 """Latest entry into a chunk, over its duration."""
 LONGEST_WAIT = 10.0
 """Longest wait for a chunk that is observed in the future [s]; with its duration, the longest delay of one that has ended."""
-WORK, PROOF = 350_000, 20
-"""Work of one call, in intervals times iterations; and that of the proof of an interval with limits of the whole arm."""
-SLOW, COUNTED = (1.5, 0.045), 600
-"""Durations of a motion, and of a span of its reference, above which its pieces are longer: a slow motion needs no more [s];
-and the largest number of spans that count, with which `WORK` suffices for seven joints."""
+WORK = 350_000
+"""Largest work of one call, in intervals times iterations."""
+PROOF = 20
+"""Work of the proof of an interval with limits of the whole arm."""
+SLOW = (1.5, 0.045)
+"""Duration of a motion, plus this for each span of its reference, above which its pieces become longer [s]."""
+COUNTED = 600
+"""Largest number of spans that count: with it `WORK` suffices for seven joints."""
 ENTRIES = np.linspace(0.0, 0.95, 8)
 """Instants of entries into a plan whose durations are computed, over the plan's duration."""
 
@@ -180,8 +183,10 @@ class Retargeter:
         end = (m - 1) / chunk.rate
         latest, earliest = (end, -LONGEST_WAIT) if self.align == "clock" else (2.0 * end + LONGEST_WAIT, -np.inf)
         if not earliest <= age <= latest:
-            when = f"{age:.6g} s before at, and lasts {end:.3g} s" if age > 0.0 else f"{-age:.6g} s after at"
-            return f"observed is {when}: is it the time of another clock?"
+            when = (
+                f"{age:.6g} s before `at`, and the chunk lasts {end:.3g} s" if age > 0.0 else f"{-age:.6g} s after `at`"
+            )
+            return f"the chunk's first target (`observed`) is {when}: is `observed` a time of another clock?"
         return refuse_targets(np.asarray(chunk.points), self.robot)
 
     # ------------------------------------------------------------ limits of the whole arm
@@ -249,7 +254,7 @@ class Retargeter:
                 box[j, 2, side] = np.copysign(most, ddq[j])
 
     def brake(self, box: Array, X: Array, low: Array, high: Array) -> Array:
-        """Return limits with which joints that stop between positions (n,) respect velocities that fall towards the ends.
+        """Return limits with which joints that stop between two positions (n,) respect velocity limits that fall to the ends.
 
         Before a stop at a distance r from the end a deceleration a allows √(2 a x) at a distance x. It stays below the limit
         −o + √(2 d (r + x)) at each x if a ≤ d − o² / (2 r).
@@ -352,7 +357,7 @@ class ChunkFollower:
         return _Attempt(JointCubics(knots, count, c), "", facts)
 
     def _find_pace(self, box: Array, slower: float) -> tuple[Array, Array, float]:
-        """Return instants [s], the chunk's time there at most at a fraction of the wanted pace, and the longest piece [s]."""
+        """Return instants [s], the chunk's time at each, and the longest piece [s], with the pace reduced to a fraction."""
         engine, s, X = self._engine, self._s, self._X
         pace = engine.pace * slower
         rows, cap, x, t = np.empty((s.size, X.shape[1], 4)), np.empty(s.size), np.empty(s.size), np.empty(s.size)

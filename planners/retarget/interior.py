@@ -289,7 +289,7 @@ def _advance(W: Array, primal: float, dual: float) -> None:
 
 @inlined
 def minimise(spline: tuple[Array, Array], H: Array, g: Array, limits: Array, c: Array, W: Array, most: int) -> int:
-    """Minimise ½ cᵀ H c + gᵀ c over the control points c[3:], with all rows within the limits, in at most some steps.
+    """Minimise ½ cᵀ H c + gᵀ c over the control points c[3:], with all rows within the limits, in at most `most` steps.
 
     Returns the number of steps, or −1 if no such point was found. c (N + 3,) begins with the state. Afterwards W[ROWS] has
     the rows.

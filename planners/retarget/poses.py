@@ -16,14 +16,14 @@ from optik.types import Array
 from planners.retarget.chunk import Chunk
 
 LEAST_SINGULAR, LARGEST_RATIO = 2e-3, 10.0
-"""Smallest singular value of the Jacobian at a pose [m/rad, 1], and largest motion of the joints to it over that of the tool
-[rad/m, 1]: otherwise the pose is singular, or the joints go around a singular configuration."""
+"""Least singular value of the Jacobian at a pose [m/rad, 1], and largest ratio of joint motion to tool motion [rad/m, 1]:
+beyond them a pose counts as singular or as reached past a singular configuration."""
 LARGEST_MOVE, MOST_MOVES = 0.05, 200
 """Largest motion of a joint in one step towards a pose [rad, m], and the largest number of steps."""
 REACHED, SAME = 1e-11, 1e-6
 """Largest distance of the tool from a reached pose [m, rad], and of equal configurations [rad, m]."""
 UNEVEN, SWEEPS = 2.0, 20
-"""Largest motion of redundant joints between two poses over the mean one, above which all are made more even, and how often."""
+"""Ratio of the largest to the mean step of redundant joints above which the steps are evened out, and the number of sweeps."""
 FOUND, MISSED, SINGULAR, LEAVES = range(4)
 """Results of a pose: found; not reached; singular, or next to one; LEAVES + i: joint i leaves its range."""
 WORDS = "", "is not reached on the arm's branch", "is singular, or the joints pass a singular configuration on the way"
@@ -60,8 +60,8 @@ def _approach(chain: Chain, target: Array, ranges: Array, q: Array) -> int:
 def continue_poses(chain: Chain, poses: Array, ranges: Array, ahead: Array, q: Array) -> tuple[int, int]:
     """Write the configurations of poses (m, 4, 4) into q (m + 1, n), each continued from the row before.
 
-    Up to six joints must come to the same configuration from the one to which the motion leads, for the first two poses by the
-    distances `ahead` (2, n) [rad, m]. Returns the number of poses that were found, and the result of the next one.
+    An arm with up to six joints must reach the same configuration from the extrapolated one; for the first two poses this is
+    the row before plus `ahead` (2, n) [rad, m]. Returns the number of poses that were found, and the result of the next one.
     """
     n, x, count, result = q.shape[1], np.empty(q.shape[1]), 0, FOUND
     for k in range(poses.shape[0]):
@@ -86,7 +86,7 @@ def continue_poses(chain: Chain, poses: Array, ranges: Array, ahead: Array, q: A
 
 
 def resolve_poses(robot: Robot, chunk: Chunk, state: Array, at: float) -> tuple[Chunk | None, str]:
-    """Return a chunk as one of joints, poses on the branch of a state (3, n) at a time [s], and why it ends early.
+    """Return a chunk of poses as a chunk of joints on the branch of a state (3, n) at a time [s], and why it ends early.
 
     It is continued to both sides from the pose that is nearest to the tool, but not later than by the clock.
     """
@@ -99,7 +99,7 @@ def resolve_poses(robot: Robot, chunk: Chunk, state: Array, at: float) -> tuple[
     later, why = _continue(robot, poses[i:], q, np.stack([lead, step]))
     earlier, _ = _continue(robot, poses[:i][::-1], later[0] if len(later) else q, -np.stack([step, step]))
     points, end = np.concatenate([earlier[::-1], later]), i + len(later)
-    cut = f"a chunk of {len(poses)} poses ends before pose {end}, which {why}" if why else ""
+    cut = f"the chunk of {len(poses)} poses ends before pose {end} (counted from 0), which {why}" if why else ""
     if not len(later) or len(points) < 2:
         return None, cut
     return Chunk(points, chunk.rate, chunk.observed + (i - len(earlier)) / chunk.rate), cut

@@ -105,9 +105,9 @@ def _solve(B: Array, penalty: float, L: Array, c: Array) -> None:
 
 
 def find_scatter(P: Array) -> float:
-    """Return the standard deviation of the noise of points P (m, n) [rad, m], of the joint with the largest one.
+    """Return the largest standard deviation of the noise of points P (m, n) over the joints [rad, m].
 
-    Sixth differences leave little of a motion. Their median does not count the few that contain a kink of it.
+    Sixth differences suppress the smooth motion; the median is robust against kinks.
     """
     if len(P) < FEWEST_NOISY:
         return 0.0

@@ -88,13 +88,14 @@ class Retargeted:
     certificate : StreamCertificate
         Of the motion; of a kept one for these limits, which it may exceed, and without its scene.
     skipped, repaired : int
-        Targets of the chunk before its entry; targets that were clipped to the ranges, or repeated the one before.
+        Targets of the chunk before its entry, and targets that were changed. A target is changed if it is outside the ranges,
+        or if it alone repeats the one before.
     reference : Reference or None
         The paced reference of a chunk.
     clipped, jumps : int
         Targets of the chunk that were clipped to the ranges; those at which a joint with limits jumps by more than π.
     scatter : float
-        Standard deviation of the chunk's targets about a smooth curve, of the joint with the largest one [rad, m].
+        Largest standard deviation of the chunk's targets about a smooth curve, over the joints [rad, m].
     cut : str
         Why a chunk of poses ends before its last one; empty if it does not.
     """

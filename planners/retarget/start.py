@@ -19,7 +19,7 @@ AT_REST = 1e-9
 
 
 def begin(engine: Retargeter, start: Any, argument: str) -> Trajectory:
-    """Return the running motion of an argument, which ends at rest: a moving end or state is stopped within the limits."""
+    """Return a running motion that ends at rest; a moving state or end is continued by a stop."""
     robot, n = engine.robot, engine.robot.n
     curve = start if isinstance(start, Trajectory) else getattr(start, "trajectory", None)
     expected = f"a motion of {n} joints, {n} finite joint values, or a state (q, q̇, q̈) of shape (3, {n})"
@@ -39,5 +39,5 @@ def begin(engine: Retargeter, start: Any, argument: str) -> Trajectory:
     moving = scipy.interpolate.PPoly((X / [[1.0], [1.0], [2.0]])[::-1, None], np.array([0.0, BRIEF_REST]))
     stop = engine.run(Trajectory(moving), 0.0, Jog(np.zeros(n), 0.0))
     if not stop:
-        raise InvalidInput(argument, f"a moving state: {stop.reason}", "a state that is stopped within the limits")
+        raise InvalidInput(argument, f"a moving state: {stop.reason}", "a state that can be stopped within the limits")
     return stop.trajectory if curve is None else join(curve, stop.trajectory)

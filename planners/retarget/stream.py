@@ -34,7 +34,7 @@ SILENCE = 1.0
 KEPT_TIMES = 100_000
 """Largest number of computing times and delays in a report."""
 ENOUGH = 0.99
-"""Fraction of the targets whose motions would have begun in time with the budget that a report advises."""
+"""Fraction of the motions that would have begun in time with the advised budget."""
 _VARIES = re.compile(r"""'[^']*'?|"[^"]*"?|\[[^]]*]?|\([^)]*\)?|(?<!\w)[-+]?(\d[\w.]*([-+]\d+)?|inf|nan)""")
 """What differs between texts of one kind: quoted words, lists and numbers."""
 
@@ -56,12 +56,14 @@ Source = Callable[[Setpoint], "Chunk | Jog | ArrayLike | HasMotion | None"]
 class StreamReport(NamedTuple):
     """What a stream did.
 
-    ``kept`` counts by kind why targets were not joined, and ``cut`` why chunks of poses ended early: the first text stands for
-    all that differ in numbers only. ``late`` motions were proved after their instant and dropped; with ``enough`` [s] as budget
-    99 % of all would have been in time. ``missed`` ticks passed before the loop asked for them. Of the joined targets,
-    ``clipped`` lay outside the ranges, and at ``jumps`` a joint with limits jumped by more than π. ``scatter`` is the largest
-    about a smooth curve, and ``tolerance`` the one of the stream [rad, m]. Computing times and delays of ticks are medians,
-    99 % quantiles and largest values [s].
+    ``ticks`` counts the set-points that were given, and ``missed`` the ticks that passed before the loop asked for them.
+    ``joined`` counts the targets onto which a motion began. ``skipped`` counts their points before the entry. ``clipped``
+    counts their points outside the ranges. ``jumps`` counts their points at which a joint with limits jumped by more than π.
+    ``kept`` counts by kind why targets were not joined, and ``cut`` why chunks of poses ended early; the first text stands for
+    all that differ only in numbers. ``late`` counts motions that were proved after their instant and dropped. With ``enough``
+    [s] as budget 99 % of all would have been in time. ``scatter`` is the largest standard deviation of targets about a smooth
+    curve, and ``tolerance`` is that of the stream [rad, m]. ``cpu`` holds computing times and ``delay`` delays of ticks: the
+    median, the 99 % quantile and the largest value [s].
     """
 
     ticks: int
@@ -82,17 +84,17 @@ class StreamReport(NamedTuple):
     def __str__(self) -> str:
         kept, cut = ("; ".join(f"{count} × {why}" for why, count in each.items()) for each in (self.kept, self.cut))
         cpu, delay = (" / ".join(f"{1e3 * x:.3g}" for x in each) for each in (self.cpu, self.delay))
-        noise = f"targets scatter by {1e3 * self.scatter:.2g} mrad (or mm), too much for tolerance={self.tolerance:g}"
+        noise = f"the noise of the targets is {1e3 * self.scatter:.2g} mrad (or mm), above tolerance={self.tolerance:g}"
         lines = {
             f"{self.ticks} set-points, {self.missed} ticks missed": True,
             f"{self.joined} targets joined, {self.skipped} points skipped, {self.late} motions late": True,
             f"not joined: {kept or 'none'}": True,
             f"computing time of a target, median / 99 % / largest: {cpu} ms": True,
             f"delay of a tick: {delay} ms": True,
-            f"{self.late} motions late: budget={self.enough:.4g} would have sufficed for 99 %": self.late,
+            f"{self.late} motions late: a budget of {self.enough:.4g} s would have sufficed for 99 %": self.late,
             f"{self.clipped} targets were clipped to the joint ranges": self.clipped,
-            f"at {self.jumps} targets a joint with limits jumps by more than π": self.jumps,
-            f"{noise}: tolerance={SCATTERS * self.scatter:.2g} smooths them": self.scatter > self.tolerance,
+            f"a joint with limits jumps by more than π rad at {self.jumps} targets": self.jumps,
+            f"{noise}; try tolerance={SCATTERS * self.scatter:.2g}": self.scatter > self.tolerance,
             f"chunks of poses that end early: {cut}": self.cut,
         }
         return "\n".join(line for line, said in lines.items() if said)
@@ -123,7 +125,7 @@ class Stream(Iterator[Setpoint]):
         self.announce: Callable[[Retargeted, float], None] = lambda motion, begin: None
         """Called with each motion that was proved and the time at which it begins [s], before it does."""
         self.error: Exception | None = None
-        """What the source or a computation raised. After it no target is taken; it is raised when the arm is at rest."""
+        """The exception of the source or a computation. No target is taken after it; it is raised when the arm is at rest."""
         self._kept, self._cut = (dict[str, tuple[str, int]]() for _ in range(2))  # by kind: the first text, the count
         self._joined = self._late = self._missed = 0
         self._facts = np.zeros(4)  # skipped, clipped and jumping targets; the largest scatter
@@ -228,7 +230,7 @@ class Stream(Iterator[Setpoint]):
         return found, time.thread_time() - since
 
     def _take(self, found: Retargeted, seconds: float, at: float) -> None:
-        """Let the motion onto a target begin at its time, or count why it does not."""
+        """Schedule the motion onto a target that came at a time, or count why there is none."""
         self._cpu.append(seconds)
         if self._given > at + 1e-9:  # the running motion's set-points after this instant were given
             self._late += 1

@@ -19,8 +19,7 @@ CUT = (2.0 * np.pi * 40.0) ** -6
 HOLD = 2.0
 """Weight of the distance to the last target after its instant, over that before."""
 SPARE, INWARDS = 1e-7, 2e-7
-"""Fraction of the limits, and distance to the ends of a range [rad, m], that are not used: the iteration respects them to its
-rounding."""
+"""Fraction of the limits, and distance to the range ends [rad, m], that are left unused for rounding of the iteration."""
 ROOM = 1.1
 """Time after the last target in which the arm comes to rest, over the time of a stop from the largest velocity."""
 SET_UP = 10
@@ -45,9 +44,10 @@ def lay_grid(begin: float, end: float, first: float, growth: float, longest: flo
 
 @inlined
 def _ramp(x: Array, limits: Array, knots: Array, c: Array) -> int:
-    """Write the cubic of the largest jerk that changes the acceleration of a state x (3,) first, if it must; return 1, or 0.
+    """Write the cubic that first changes the acceleration of a state x (3,) with the largest jerk, if needed.
 
-    It is ended near the limit of the velocity. Beyond its own limit it is brought there. The state becomes that after it.
+    The acceleration is ended near the velocity limit, and brought to its own limit from beyond it. The state is replaced by the
+    state after the cubic. Returns the number of cubics, 0 or 1.
     """
     v, a, knots[0] = x[1], x[2], 0.0
     if a == 0.0:
@@ -107,13 +107,13 @@ def make_objective(T: Array, when: Array, weight: Array, A: Array, H: Array, B: 
 def track(
     state: Array, limits: Array, when: Array, target: Array, longest: float, budget: int
 ) -> tuple[int, int, Array, Indices, Array]:
-    """Return the joint motions nearest to targets, from a state to rest, after the first joint without one, or −1, and work.
+    """Compute the joint motions nearest to targets, from a state to rest; one without a motion from the state is stopped first.
 
-    A joint without a motion from the state is stopped first. The work is counted in intervals times iterations. Above the
-    budget the joint is −2.
+    Returns the index of the first joint without a motion (−1 if none, −2 above the budget), the work in intervals times
+    iterations, and the motions (knots, counts, cubics).
 
     Shapes and units: state (3, n) [rad/s^i, m/s^i], limits (n, 4, 2) of position to jerk, lower and upper, when (k,) [s],
-    target (k, n) [rad, m], longest [s]. Returns knots (n, K) [s], their numbers (n,), cubics (n, 4, K), highest power first.
+    target (k, n) [rad, m], longest [s]. The motions have knots (n, K) [s], counts (n,), cubics (n, 4, K), highest power first.
     """
     n, last, (ramp, end) = state.shape[1], when.size - 1, _find_horizon(state, limits, when[-1], target[-1])
     first, growth = min(0.3 * ramp, FIRST_INTERVAL[1], longest), GROWTH[0] if ramp < FIRST_INTERVAL[1] else GROWTH[1]
@@ -185,7 +185,7 @@ def _find_horizon(state: Array, limits: Array, last: float, target: Array) -> tu
 
 @inlined
 def _add_piece(x: Array, h: float, jerk: float, i: int, knots: Array, c: Array) -> int:
-    """Write the i-th cubic, of a jerk for h [s] from a state x (3,), which becomes that after it; return the next index."""
+    """Write cubic i, with a jerk for h [s], from a state x (3,), which is replaced by the state after it; return i + 1 or i."""
     if h < SAME_TIME:
         return i
     q, v, a = x[0], x[1], x[2]
@@ -197,7 +197,7 @@ def _add_piece(x: Array, h: float, jerk: float, i: int, knots: Array, c: Array) 
 
 @inlined
 def _stop(x: Array, limits: Array, knots: Array, c: Array) -> int:
-    """Write the cubics of the shortest stop of a state x (3,), which becomes the rest after it; return their number.
+    """Write the cubics of the shortest stop of a state x (3,), which is replaced by the state after it; return their number.
 
     No motion inside the limits goes further, so the joint stops inside its range if any motion stays there. The limits are used
     wholly, as the running motion may use them.

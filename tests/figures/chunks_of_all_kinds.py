@@ -29,7 +29,14 @@ NUMBERS = re.compile(r"-?[0-9.]+(e[+-]?[0-9]+)?|joint[0-9]")
 """What differs in reasons of one kind."""
 GRACE = (0.1, 0.005)
 """Asked: excess over a range up to which targets are clipped [rad, m]."""
-REASONS = ("beyond its range", "observed is", "not found within the budget", "no motion of", "of its limit", "of joint")
+REASONS = (
+    "outside its range",
+    "of another clock",
+    "not found within the budget",
+    "no motion of",
+    "of its limit",
+    "of joint",
+)
 
 
 def robot_of(name: str) -> optik.Robot:
@@ -166,8 +173,8 @@ def judge(cases: list[Row]) -> list[Value]:
     rows = [row for row in rows if "raised" not in row]
     joined = [row for row in rows if row["status"] == RetargetStatus.JOINED]
     kept = [row for row in rows if row["status"] == RetargetStatus.KEPT]
-    untrue = [row for row in kept if "beyond its range" in row["reason"] and row["meant"]]
-    untrue += [row for row in kept if "observed is" in row["reason"] and not row["wrong clock"]]
+    untrue = [row for row in kept if "outside its range" in row["reason"] and row["meant"]]
+    untrue += [row for row in kept if "of another clock" in row["reason"] and not row["wrong clock"]]
     untrue += [row for row in kept if not any(words in row["reason"] for words in REASONS)]
     for row in untrue[:5]:
         print("  untrue:", row["kind"], row["reason"])

@@ -47,7 +47,7 @@ def test_a_chunk_in_degrees_is_kept_and_says_so() -> None:
     kept = retarget(resting(robot, REST), 0.0, Chunk(far, 20.0))
     k, i = np.unravel_index(int((np.abs(far) - 2.0 * np.pi).argmax()), far.shape)
     beyond = abs(far[k, i]) - robot.limits.upper[i]
-    words = f"target {k} of {robot.joint_names[i]} is {far[k, i]:.6g}, {beyond:.3g} rad beyond"
+    words = f"target {k} of {robot.joint_names[i]} is {far[k, i]:.6g} rad, {beyond:.3g} rad outside"
     assert kept.status == "kept" and kept.reason.startswith(words) and kept.reason.endswith("are these degrees?")
     assert "degrees" not in retarget(resting(robot, REST), 0.0, Chunk(wave(REST, [900.0, 0, 0, 0, 0, 0]), 20.0)).reason
 
@@ -66,7 +66,7 @@ def test_small_excesses_are_clipped_and_counted_and_larger_ones_kept(name: str, 
             outside = (robot.limits.upper < P) | (robot.limits.lower > P)
             assert bool(found) == (part < 1.0), found.reason
             assert found.clipped == int(bool(found) * outside.any(axis=1).sum())
-            assert found or ("rad" if robot.name == "ur5e" else " m ") in found.reason.split(" beyond")[0] + " "
+            assert found or ("rad" if robot.name == "ur5e" else " m ") in found.reason.split(" outside")[0] + " "
             assert not found or found.certificate.position_margin.min() >= 1e-7  # rounding does not refuse chunks
 
 
@@ -117,7 +117,10 @@ def test_a_late_chunk_of_a_joint_without_limits_is_entered_where_the_arm_is(turn
 
 def test_a_target_of_a_joint_without_limits_that_cannot_be_computed_with_is_named() -> None:
     kept = retarget(resting(TURNING, [0.0, 0.0]), 0.0, Chunk(wave([0.0, 0.0], [1e12, 0.0]), 20.0))
-    assert kept.reason == "target 15 of turn is 1e+12, 1e+12 rad beyond ±100000, the most that is computed with"
+    assert (
+        kept.reason
+        == "target 15 of turn is 1e+12 rad, 1e+12 rad outside ±100000 rad, the largest position that is computed with"
+    )
 
 
 @pytest.mark.parametrize(("name", "jerk"), [("panda", 1000.0), ("kr6", 50.0)])
@@ -158,7 +161,9 @@ def test_chunks_of_other_clocks_raise_nothing_and_compute_little(align: str, mon
             old = stamp < 5.0 - 30 / 20.0 * (1.0 if align == "clock" else 2.0) - (0.0 if align == "clock" else 10.0)
             meant = not (old or (align == "clock" and stamp > 15.0))
             assert bool(kept) == meant, (off, kept.reason)
-            assert kept or (f"observed is {abs(5.0 - stamp):.6g} s {'before' if old else 'after'} at" in kept.reason)
+            assert kept or (
+                f"(`observed`) is {abs(5.0 - stamp):.6g} s {'before' if old else 'after'} `at`" in kept.reason
+            )
     assert max(sizes) < 1000
 
 

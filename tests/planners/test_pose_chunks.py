@@ -105,17 +105,17 @@ def test_a_chunk_ends_before_a_pose_that_is_out_of_reach_singular_or_out_of_rang
     away[7:, 0, 3] += 5.0
     assert cut_of(robot, away, BENT) == (
         7,
-        "a chunk of 12 poses ends before pose 7, which is not reached on the arm's branch",
+        "the chunk of 12 poses ends before pose 7 (counted from 0), which is not reached on the arm's branch",
     )
     away[1:, 0, 3] += 5.0
     assert cut_of(robot, away, BENT)[0] == 0
     straight = BENT + np.linspace(0.0, 1.0, 11)[:, None] * (0.0, 0.0, -1.4, 0.0, 0.0, 0.0)
     count, words = cut_of(robot, robot.fk(straight), BENT)
-    assert count == 10 and "before pose 10, which is singular, or" in words
+    assert count == 10 and "before pose 10 (counted from 0), which is singular, or" in words
     turned = BENT + np.linspace(0.0, 0.5, 11)[:, None] * np.eye(6)[5]
     turned[:, 5] += robot.limits.upper[5] - 0.22
     count, words = cut_of(robot, robot.fk(turned), turned[0])
-    assert count == 5 and "before pose 5, which takes joint6 out of its range" in words
+    assert count == 5 and "before pose 5 (counted from 0), which takes joint6 out of its range" in words
 
 
 @pytest.mark.parametrize("name", ["ur5e", "kr6"])

@@ -230,7 +230,7 @@ def test_a_report_says_what_budget_would_have_sufficed():
             flow.stop()
     report = flow.report()
     assert report.late >= 3 and 0.07 < report.enough < 0.5
-    assert f"motions late: budget={report.enough:.4g} would have sufficed for 99 %" in str(report)
+    assert f"motions late: a budget of {report.enough:.4g} s would have sufficed for 99 %" in str(report)
 
 
 def test_a_report_has_a_line_for_each_thing_to_change_only():
@@ -239,9 +239,9 @@ def test_a_report_has_a_line_for_each_thing_to_change_only():
     said = str(plain._replace(clipped=3, jumps=2, scatter=0.006, cut={"a chunk of 9 poses ends": 4}))
     for words in (
         "3 targets were clipped",
-        "at 2 targets a joint",
+        "π rad at 2 targets",
         "4 × a chunk of 9 poses",
-        "scatter by 6 mrad",
+        "noise of the targets is 6 mrad",
         "tolerance=0.024",
     ):
         assert words in said, said
