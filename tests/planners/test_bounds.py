@@ -453,3 +453,16 @@ def test_no_instant_contradicts_the_bounds_at_length(
     path = paths_from(default_line().start)[kind]
     for size in (1e-4, 1e-3, 0.02, 0.1, 0.5):
         contradicted(path, far_off(rng, size), SAMPLES, over=1.001 if halved else np.inf)
+
+
+def test_a_slider_on_a_turning_link_counts_by_the_binomial_theorem() -> None:
+    """A link that turns at a constant rate a carries a slider: |d^k (e^{iat} r)| ≤ Σ binomial(k, m) aᵐ |r^(k−m)|."""
+    rng, a = np.random.default_rng(17), 1.7
+    lengths, D = np.array([0.3, 0.2]), np.zeros((6, 2))
+    D[1, 0], D[:, 1] = a, rng.uniform(0.5, 2.0, 6)
+    B, P = np.zeros((3, 7)), np.zeros((3, 7))
+    motion_bounds.link_bounds(lengths, np.array([False, True]), D, B, P)
+    for k in range(7):
+        slides = sum(comb(k, m) * a**m * D[k - m, 1] for m in range(max(0, k - 5), k + 1))
+        assert B[1, k] == pytest.approx(a**k) and B[2, k] == pytest.approx(a**k)
+        assert P[2, k] == pytest.approx(lengths[0] * (k == 0) + lengths[1] * a**k + slides, rel=1e-12)
