@@ -13,6 +13,7 @@ import planners
 from optik import Robot
 from optik.errors import InvalidInput
 from planners import Chunk, MotionLimits, Retargeted, retarget
+from planners.retarget.chunk import read_targets
 from planners.retarget.reference import find_scatter
 from planners.retarget.tracking import track
 from tests.seeds import shift_seed
@@ -242,3 +243,10 @@ def test_targets_where_no_velocity_is_allowed_are_clipped_and_goals_near_there_a
 def test_a_chunk_for_another_arm_is_kept() -> None:
     kept = retarget(resting(optik.load("ur5e"), REST), 0.0, Chunk(np.zeros((4, 7)), 20.0))
     assert kept.status == "kept" and "7 joints" in kept.reason and "6" in kept.reason
+
+
+def test_a_chunk_of_few_targets_is_divided_between_them() -> None:
+    P = np.random.default_rng(3).uniform(-1.0, 1.0, (3, 2))
+    points, rate, *_ = read_targets(Chunk(P, 10.0), TURNING, np.zeros(2, np.bool_), np.tile([-3.0, 3.0], (2, 1)))
+    assert rate == 20.0
+    np.testing.assert_allclose(points, [P[0], (P[0] + P[1]) / 2, P[1], (P[1] + P[2]) / 2, P[2]])

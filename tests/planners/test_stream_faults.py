@@ -245,3 +245,9 @@ def test_a_report_has_a_line_for_each_thing_to_change_only():
         "tolerance=0.024",
     ):
         assert words in said, said
+
+
+def test_the_clock_of_a_stream_begins_at_its_first_set_point() -> None:
+    flow = stream(optik.load("panda"), lambda now: None, REST, limits=PANDA, rate=100.0, realtime=False, silence=0.1)
+    assert flow.time == 0.0
+    assert [flow.time == now.t for now in flow].count(False) == 0 and flow.time > 0.05
