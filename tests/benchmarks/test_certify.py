@@ -327,7 +327,7 @@ def test_a_saved_motion_is_read_exactly_with_its_payloads(tmp_path: Path, typed:
     status, out, said = typed("certify", str(tmp_path / "m.csv"), "--robot", "ur10e", *given)
     assert "without the payload of the file" in said and "without payload" in out
     status, _, said = typed("certify", str(tmp_path / "m.json"), "--robot", "panda", *given)
-    assert status == 2 and "joint_names: expected those of panda; got joint1, " in said
+    assert status == 2 and "joint_names: expected those of panda, joint1, " in said
     (tmp_path / "f.json").write_text('{"format": "optik-failed-plan/2"}')
     status, _, said = typed("certify", str(tmp_path / "f.json"), *given)
     assert status == 2 and "got 'optik-failed-plan/2'; optik view" in said

@@ -128,7 +128,7 @@ def test_corners_that_are_narrower_or_stops_are_listed(tmp_path: Path) -> None:
         "vector_mm = [0, 0, -80]\n"
     )
     words = " ".join(run("plan", "program", tmp_path / "p.toml", *LIMITS).output.split())
-    assert "4 parts in 2 sections" in words and "2 rounded corners, at most 13 mm" in words
+    assert "4 parts in 2 sections" in words and "2 rounded corners, at most 12.9 mm" in words
     assert "after part 2 'side': a stop: the path reverses its direction there" in words
     assert "of 50 mm: the shorter of its parts ends" in words and "after part 1" not in words
 

@@ -348,7 +348,7 @@ def test_a_start_where_the_limit_by_position_is_zero_may_move_away_and_a_goal_th
         found = plan(robot, home, near, limits=limits)
         assert found and found.certificate.worst("velocity_by_position")[0] <= 1.0
         refused = plan(robot, near, home, limits=limits)
-        assert refused.status == "timing_infeasible" and f"end {end:.6g} of its range" in refused.failure.reason
+        assert refused.status == "timing_infeasible" and f"end of its range, {end:.6g} rad" in refused.failure.reason
 
 
 @pytest.mark.parametrize(("friction", "slenderness"), [(0.3, None), (None, 4.0), (0.3, 4.0), (0.3, 2.0)])

@@ -309,7 +309,7 @@ def test_the_same_points_make_the_same_motion() -> None:
     ("points", "kind", "said"),
     [
         ((), InvalidInput, "goal"),
-        ((HOME,), InvalidInput, "differ"),
+        ((HOME,), InvalidInput, "other joints"),
         ((ViaPoint(HOME + 0.1, TOLERANCE),), InvalidInput, "tolerance"),
         ((np.zeros(3),), InvalidInput, "7"),
         (([HOME + 0.1, HOME + 0.2, 3.0],), InvalidInput, "^target: "),

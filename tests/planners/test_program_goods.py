@@ -249,7 +249,8 @@ def uneven():
 
 
 def test_every_limit_is_in_the_test_of_merged_certificates() -> None:
-    assert set(BOUNDS) == {name for name in limit_names() if "/" not in name}
+    plugged = {"weighted_speed"}  # the example of a plug-in, if another test of this process has loaded it
+    assert set(BOUNDS) == {name for name in limit_names() if "/" not in name} - plugged
 
 
 @pytest.mark.parametrize("name", BOUNDS)
