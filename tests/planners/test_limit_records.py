@@ -35,6 +35,7 @@ from planners import (
 )
 from planners.certificate.analysis import MotionAnalysis
 from planners.limits import kind_of
+from planners.limits.base import PathPoints
 from planners.trajectory import Trajectory
 from tests import oracles
 
@@ -79,6 +80,15 @@ def planned(name: str, law: str = "optimal") -> Plan:
         timing=law,
         allow="jerk",
     )
+
+
+@pytest.mark.parametrize("name", list(LIMITS))
+def test_only_what_scales_with_time_is_called_homogeneous(name: str) -> None:
+    found = planned(name)
+    at = PathPoints(found.joint_path, np.linspace(0.1, 0.9, 9) * found.path.end)
+    slow, fast = (found.limits.ratios(name, at, [np.full(9, 0.5 * k**i) for i in (1, 2, 3)]) for k in (1.0, 2.0))
+    scales = np.allclose(fast, 2.0 ** kind_of(name).order * slow)
+    assert scales == kind_of(name).homogeneous
 
 
 def dense(motion: Trajectory, count: int = 20_001) -> tuple[Array, Array, Array, Array]:
