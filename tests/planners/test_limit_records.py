@@ -83,6 +83,14 @@ def planned(name: str, law: str = "optimal") -> Plan:
     )
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_grip_has_a_face_on_both_sides(sign: float) -> None:
+    kind, bound = kind_of("grip"), LIMITS["grip"]
+    along = sign * kind.axis(bound) * bound.force / bound.mass
+    E, most = kind.faces(bound, bound.mass, np.zeros((1, 8, 3)))
+    assert (E[0] @ along / most).max() == pytest.approx(1.0)
+
+
 def test_joints_rest_or_reverse_where_they_barely_move_or_change_their_sign() -> None:
     backwards, across = np.array([-1.0, -1e-12, -1.0]), np.array([1.0, -1.0, -1.0])
     for q1, rests in (
