@@ -92,7 +92,6 @@ def _find_cheapest(z: Array, y: Array, room: float, most: int, cell: Indices) ->
         for j in range(first, last):
             i = cells[j]
             new[i], origin[i] = cost[i], j
-            cost[i] = np.inf
         for j in range(1, number):
             i = touched[j]
             if near[i] and touched[j - 1] == i - 1 and new[i - 1] < new[i]:

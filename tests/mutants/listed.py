@@ -138,6 +138,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "planners/program/corners.py": (THRESHOLDS, *PROGRAM),
     "planners/program/events.py": PROGRAM[2:],
     "planners/program/file.py": PROGRAM[3:],
+    "planners/program/reconfigure.py": RESOLVE,
     "planners/following": FOLLOW,
     "planners/following/smoothing.py": FOLLOW[5::-1],
     "planners/following/redundancy.py": FOLLOW[5::-1],

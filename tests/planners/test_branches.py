@@ -134,6 +134,16 @@ def test_the_bound_of_a_slider_that_turns_counts_both() -> None:
     assert angle == pytest.approx(h**4 / 384.0 * w**4, rel=1e-4)
 
 
+@pytest.mark.parametrize("place", [[0.4, 0.0, 0.0], [0.0, 0.4, 0.0], [0.0, 0.0, 0.4], [-0.2, 0.1, 0.3]])
+def test_the_bound_counts_each_component_of_a_link(place: list[float]) -> None:
+    # the second joint, at a distance r from the turning first one, and its axis through the tool: at most r ω⁴
+    fixed, h, w = np.tile(np.eye(4), (2, 1, 1)), 0.5, 1.5
+    fixed[1, :3, 3] = place
+    points = np.array([w * np.linspace(0.0, h, 6), np.zeros(6)])
+    distance, _ = piece_bound((fixed, np.array([False, False]), np.eye(4)), h, points, np.zeros(2))
+    assert distance == pytest.approx(h**4 / 384.0 * np.linalg.norm(place) * w**4, rel=1e-12)
+
+
 @given(st.lists(st.floats(-1.0, 1.0), min_size=6, max_size=6), st.floats(0.05, 1.0))
 def test_the_first_exit_of_a_quintic_is_that_of_a_fine_grid(points: list[float], high: float) -> None:
     b = np.array(points)

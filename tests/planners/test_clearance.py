@@ -409,3 +409,18 @@ def test_setpoints_of_others_are_certified_without_a_path(tmp_path: Any) -> None
     (tmp_path / "more.csv").write_text(table_.replace("time,", "finger,", 1))
     with pytest.raises(InvalidInput, match="times"):
         planners.load_trajectory(tmp_path / "more.csv", robot)
+
+
+def test_what_is_open_when_the_intervals_run_out_counts_for_its_kind(monkeypatch: pytest.MonkeyPatch) -> None:
+    motion = drawn_motion(np.random.default_rng(0), 0)
+    scene = Scene(boxes=[(pose((0.0, 0.0, 1.2)), (0.1, 0.1, 0.1))])
+    whole = clearance(panda(), motion, scene)
+    cut = []
+    for most in (1, 2, 4):
+        monkeypatch.setattr("planners.certificate.clearance.MOST_INTERVALS", most)
+        cut.append(clearance(panda(), motion, scene))
+    for kind in ("scene", "own"):
+        values, known = [getattr(one, kind).value for one in cut], getattr(whole, kind)
+        assert all(value <= known.found for value in values)
+        assert min(values) < 0.9 * known.value  # what is open counts
+    assert all(one.scene is not None and one.scene.value > 0.0 for one in cut)  # not that of the links

@@ -35,6 +35,8 @@ from planners import (
 )
 from planners.certificate.analysis import MotionAnalysis
 from planners.limits import kind_of
+from planners.limits.base import PathPoints
+from planners.limits.record import find_reversals
 from planners.trajectory import Trajectory
 from tests import oracles
 
@@ -79,6 +81,33 @@ def planned(name: str, law: str = "optimal") -> Plan:
         timing=law,
         allow="jerk",
     )
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_grip_has_a_face_on_both_sides(sign: float) -> None:
+    kind, bound = kind_of("grip"), LIMITS["grip"]
+    along = sign * kind.axis(bound) * bound.force / bound.mass
+    E, most = kind.faces(bound, bound.mass, np.zeros((1, 8, 3)))
+    assert (E[0] @ along / most).max() == pytest.approx(1.0)
+
+
+def test_joints_rest_or_reverse_where_they_barely_move_or_change_their_sign() -> None:
+    backwards, across = np.array([-1.0, -1e-12, -1.0]), np.array([1.0, -1.0, -1.0])
+    for q1, rests in (
+        (backwards, [False, True, False]),
+        (-backwards, [False, True, False]),
+        (across, [True, True, False]),
+    ):
+        np.testing.assert_array_equal(find_reversals(q1[:, None])[:, 0], rests)
+
+
+@pytest.mark.parametrize("name", list(LIMITS))
+def test_only_what_scales_with_time_is_called_homogeneous(name: str) -> None:
+    found = planned(name)
+    at = PathPoints(found.joint_path, np.linspace(0.1, 0.9, 9) * found.path.end)
+    slow, fast = (found.limits.ratios(name, at, [np.full(9, 0.5 * k**i) for i in (1, 2, 3)]) for k in (1.0, 2.0))
+    scales = np.allclose(fast, 2.0 ** kind_of(name).order * slow)
+    assert scales == kind_of(name).homogeneous
 
 
 def dense(motion: Trajectory, count: int = 20_001) -> tuple[Array, Array, Array, Array]:
@@ -160,6 +189,8 @@ def test_the_optimum_is_faster_than_a_motion_slowed_as_a_whole(name: str) -> Non
     kind, analysis = kind_of(name), free.certificate.motion
     slowed = kind.stretch_factor(analysis, MotionLimits(extra={name: LIMITS[name]}).bounds(6)[name])
     assert free.duration < planned(name).duration < 0.995 * slowed * free.duration
+    reached = certify(arm(), moving(name), free.trajectory.slowed(slowed), MotionLimits(extra={name: LIMITS[name]}))
+    assert reached.worst(name)[0] == pytest.approx(1.0, abs=2e-3)
 
 
 @pytest.mark.parametrize("name", LIMITS)

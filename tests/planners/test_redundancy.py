@@ -197,3 +197,19 @@ def test_a_plan_says_where_it_is_far_slower_than_its_velocities_require() -> Non
     limits = MotionLimits(velocity=1.0, acceleration=5.0, jerk=50.0)
     assert "slow:" not in str(plan(robot, pose, q, limits=limits))
     assert "slow: 1" in str(plan(robot, pose, q, limits=limits, duration=150.0))
+
+
+def test_smoothing_is_undone_where_a_configuration_leaves_the_path() -> None:
+    robot = load("panda")
+    q = robot.limits.middle + 0.1 * np.arange(7.0)
+    path = Line(robot.fk(q), oracles.moved(robot.fk(q), [0.0, 0.1, 0.0], np.zeros(3)))
+    motion = find_null_space_motions(robot, path, q, "start")
+    found = next(motion)
+    before, poses = found.way.copy(), path.pose(found.s)
+    poses[3, :3, 3] += 5.0  # out of reach: no fraction of the smoothing is on the path
+    found.way = before + 0.01
+    found._retreat(before, poses, lambda way: np.ones(len(way)))
+    on = [k for k in range(len(poses)) if k != 3]
+    off = robot.pose_errors(found.way[on], poses[on])
+    assert np.abs(off).max() < 1e-6
+    np.testing.assert_allclose(found.way[on], before[on], atol=1e-6)  # the last fraction is 0
