@@ -31,6 +31,12 @@ REMOVED = {
 }
 """Keys of earlier versions, and what replaces them."""
 
+REMOVED_MOTIONS = {
+    "iso": "spots, or a program that executes its cycles with planners.cell.make_drive('mujoco', robot)",
+    "laws": "spots, or [[timing]] for time laws; planners.cell.make_drive('mujoco', robot) executes their plans",
+}
+"""Values of `what` in [[cell]] of earlier versions, and what replaces them."""
+
 OWN_KEYS = {
     "title": ("Heading of the report.", "the suite's name"),
     "seed": ("Seed of all random numbers, 0 or more.", "0"),
@@ -88,7 +94,7 @@ class Suite:
         """Return every block with its kind, in the order of execution."""
         for kind in self.kinds:
             for block in self.of(kind.name):
-                yield kind.of(block), block
+                yield kind, block
 
     @property
     def robots(self) -> tuple[str, ...]:
@@ -163,7 +169,22 @@ def _blocks(kind: Kind, data: Any) -> tuple[Block, ...]:
     """Return all blocks of a kind."""
     if not isinstance(data, list):
         raise InvalidInput(f"the suite: {kind.name}", repr(data)[:60], f"a list of tables: [[{kind.name}]]")
+    for item in data:
+        if _is_removed(kind.name, item):
+            came = f"{item['what']!r} of an earlier version"
+            raise InvalidInput(f"{kind.name} {item.get('id', '')!r}: what", came, REMOVED_MOTIONS[item["what"]])
     return tuple(kind.settings(item) for item in data)
+
+
+def _is_removed(key: str, item: Any) -> bool:
+    """Return whether a block is of a type of an earlier version."""
+    return key == "cell" and isinstance(item, dict) and item.get("what") in REMOVED_MOTIONS
+
+
+def drop_removed(settings: dict[str, Any]) -> dict[str, Any]:
+    """Return the settings of a run without keys and blocks of earlier versions, so that the others can be shown."""
+    kept = {key: value for key, value in settings.items() if key not in REMOVED}
+    return kept | {key: [b for b in kept[key] if not _is_removed(key, b)] for key in ("cell",) if key in kept}
 
 
 def _check_files(ids: list[str]) -> None:

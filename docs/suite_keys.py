@@ -11,7 +11,7 @@ from pydantic_core import PydanticUndefined
 
 from benchmarks.blocks.base import GROUP, load_kind
 from benchmarks.blocks.block import Target
-from benchmarks.blocks.cell.settings import BLOCKS, CellBlock, CellMethod, Noise
+from benchmarks.blocks.cell.settings import CellMethod, Noise
 from benchmarks.blocks.entries import IKPeer, Law, LawPeer, Method
 from benchmarks.blocks.freedom import FreeSet
 from benchmarks.blocks.timing.settings import Example, LimitSet, LineSet
@@ -25,8 +25,7 @@ OF_EVERY_BLOCK = {"id", "title", "targets"}
 """Keys that the page explains once."""
 
 TABLES: dict[str, type[Settings]] = {
-    **{name: load_kind(name).block for name in own_names(GROUP) if name != "cell"},
-    "cell": CellBlock, **{f"cell {what}": block for what, block in BLOCKS.items()}, "noise": Noise,
+    **{name: load_kind(name).block for name in own_names(GROUP)}, "noise": Noise,
     "method": Method, "cell method": CellMethod, "peer": IKPeer, "law": Law, "peer of time laws": LawPeer,
     "lines": LineSet, "limits of timing": LimitSet, "example": Example, "free set": FreeSet, "target": Target,
 }  # fmt: skip
@@ -34,13 +33,11 @@ TABLES: dict[str, type[Settings]] = {
 
 
 def draw_table(name: str) -> str:
-    """The table of a model; keys of a base that has a table of its own are left out."""
-    model = TABLES[name]
-    above = set(CellBlock.model_fields) if name.startswith("cell ") and issubclass(model, CellBlock) else set()
+    """The table of a model."""
     rows = [
         f"| `{key}` | {_default(field)} | {_meaning(field)} |"
-        for key, field in model.keys().items()
-        if key not in OF_EVERY_BLOCK | above
+        for key, field in TABLES[name].keys().items()
+        if key not in OF_EVERY_BLOCK
     ]
     return "\n".join(["| key | default | meaning |", "|---|---|---|", *rows])
 

@@ -221,10 +221,6 @@ class Kind:
         """Give a block without a title the title of its kind with the id."""
         return block if block.title else block.model_copy(update={"title": f"{self.title}: {block.id}"})
 
-    def of(self, block: Any) -> Kind:
-        """Return the kind that does the work of a block: itself, unless a kind has blocks of several types."""
-        return self
-
     def prepare(self, block: Any, seed: int) -> Any:
         """Check what only a trial can show, before anything is written. The result is `Session.prepared`."""
         return None

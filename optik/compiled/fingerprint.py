@@ -1,10 +1,9 @@
-"""Fingerprint of everything on which machine code depends: bytecode, values and functions that a function reaches.
+"""Fingerprint of everything on which machine code depends: bytecode, values and functions that a kernel reaches by name.
 
-Numba compiles called functions and named globals into a function. So the walk follows names: to compiled functions, to
-helpers, through modules to their attributes, to closures and default values.
+Numba compiles called functions and named globals into a kernel. So the walk follows names: to compiled functions, to helpers,
+through modules to their attributes, to closures and default values. It reads no file: what counts is what was imported.
 Docstrings, comments, annotations, line numbers and other functions of a file do not affect the machine code and are left
-out. A value that the walk cannot analyse is represented by the text of the file that defines its type. Not seen are
-Numba extensions for methods and attributes of foreign types (`overload_method`, `overload_attribute`).
+out. Not seen are Numba extensions of foreign functions and types (`overload_method`, `overload_attribute`).
 """
 
 from __future__ import annotations
@@ -16,10 +15,8 @@ import importlib.util
 import inspect
 import re
 import sys
-from collections.abc import Iterable
 from functools import cache
-from pathlib import Path
-from types import BuiltinFunctionType, CodeType, FunctionType, MethodDescriptorType, ModuleType
+from types import BuiltinFunctionType, CellType, CodeType, FunctionType, MethodDescriptorType, ModuleType
 from typing import Any
 
 import llvmlite
@@ -28,7 +25,7 @@ import numpy as np
 from numba import types
 from numba.core import config
 from numba.core.dispatcher import Dispatcher
-from numba.core.serialize import dumps
+from numba.core.extending import _Intrinsic
 from numba.core.typing.templates import builtin_registry
 from numba.extending import is_jitted
 
@@ -45,9 +42,9 @@ MOST_OPT = 1
 """Highest LLVM optimisation level of serial kernels. Parallel kernels use Numba's: only they are faster at a higher one."""
 SETTINGS = ("BOUNDSCHECK", "LOOP_VECTORIZE", "SLP_VECTORIZE", "DEBUGINFO_DEFAULT")
 """Settings of Numba, beside the optimisation level, that change the machine code of a function."""
-LOADS_CONSTANT = {dis.opmap[name] for name in ("LOAD_CONST", "RETURN_CONST") if name in dis.opmap}
+LOADS_CONSTANT = [dis.opmap[name] for name in ("LOAD_CONST", "RETURN_CONST") if name in dis.opmap]
 """Bytecode instructions that load a constant by its index; which of them exist depends on the version of Python."""
-PLAIN = (bool, int, float, complex, str, bytes, type(None), type(Ellipsis), range, np.generic)
+PLAIN = (bool, int, float, complex, str, bytes, type(None), type(Ellipsis), range, slice, enum.Enum, np.generic)
 """Types whose values are described completely by their `repr`."""
 NAMED = (BuiltinFunctionType, MethodDescriptorType, np.ufunc, np.dtype, types.Type)
 """Types whose values are identified by name, because `VERSIONS` holds the release of their code."""
@@ -63,199 +60,117 @@ def fingerprint(kernel: Dispatcher, signature: tuple[Any, ...]) -> str:
     """Return the fingerprint of everything that the machine code of a kernel depends on."""
     walk = _Walk()
     level = int(config.OPT if kernel.targetoptions.get("nogil") else min(config.OPT, MOST_OPT))
-    walk.note("versions", *VERSIONS, f"OPT {level}", *(f"{name} {getattr(config, name, None)}" for name in SETTINGS))
-    try:
-        walk.value(kernel)
-        for kind in signature:
-            walk.argument(kind)
-    except RecursionError as error:  # a list that holds itself
-        raise Opaque(repr(kernel)) from error
+    walk.note(VERSIONS, level, [getattr(config, name, None) for name in SETTINGS])
+    walk.value(kernel)
+    for kind in signature:
+        walk.argument(kind)
     return walk.digest.hexdigest()
 
 
 def variant(kernel: Dispatcher, signature: tuple[Any, ...]) -> str:
     """Return a short name of one kernel of a function, from its types of arguments and the plain values in its closure."""
-    closed = (_cell(c) for c in kernel.py_func.__closure__ or ())
+    closed = _closed(kernel.py_func)
     parts = [ADDRESS.sub("", str(kind)) for kind in signature] + [repr(v) for v in closed if isinstance(v, PLAIN)]
     return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:16]
 
 
 class _Walk:
-    """One traversal of everything that a function reaches; an object that was visited before is represented by its number."""
+    """One traversal of everything that a kernel reaches; what was visited before is represented by its number."""
 
     def __init__(self) -> None:
         self.digest = hashlib.sha256()
-        self.met: dict[int, int] = {}
-        self.modules: set[tuple[str, frozenset[str]]] = set()
+        self.met: dict[Any, int] = {}
 
-    def note(self, *parts: str | bytes) -> None:
-        """Add words to the fingerprint, each with its length, so that different lists of words always differ."""
-        for part in parts:
-            data = part.encode(errors="surrogatepass") if isinstance(part, str) else part
-            self.digest.update(len(data).to_bytes(8, "little") + data)
+    def note(self, *words: Any) -> None:
+        """Add plain values to the fingerprint, so that different lists of them always differ."""
+        self.digest.update(ascii(words).encode())
 
-    def value(self, v: Any, names: Iterable[str] = ()) -> None:
+    def value(self, v: Any, names: frozenset[str] = frozenset()) -> None:
         """Add a value; of a module, only the attributes that the code names."""
-        if isinstance(v, enum.Enum):  # before numbers: some enumerations are numbers
-            self.note("member", v.name)
-            self.value(type(v))
-        elif isinstance(v, PLAIN):
-            self.note("plain", type(v).__qualname__, repr(v))
+        if isinstance(v, PLAIN):
+            self.note(type(v).__qualname__, v)
+        elif isinstance(v, tuple):
+            self.note("items", len(v))
+            for item in v if type(v) is tuple else (type(v), *v):
+                self.value(item)
+        elif isinstance(v, frozenset):  # the hash order of strings differs in every process
+            self.note("set", sorted(map(repr, v)))
+        elif isinstance(v, np.ndarray) and not v.dtype.hasobject:
+            self.note("array", repr(v.dtype), v.shape, v.strides, v.tobytes())
         elif isinstance(v, CodeType):
             self._code(v)
-        elif isinstance(v, tuple | list):
-            self.note("items", type(v).__qualname__, str(len(v)))
-            if type(v) not in (tuple, list):
-                self.value(type(v))
-            for item in v:
-                self.value(item)
-        elif isinstance(v, frozenset | set | dict):
-            self._unordered(v)
-        elif isinstance(v, ModuleType):
-            self._module(v, frozenset(names))
-        elif isinstance(v, NAMED):
-            self.note("named", str(type(v)), ADDRESS.sub("", repr(v)))
-        elif not self._again(v):
-            self._object(v)
-
-    def _object(self, v: Any) -> None:
-        """Add the contents of an object on its first visit; later visits add only its number."""
-        if isinstance(v, np.ndarray) and not v.dtype.hasobject:
-            self.note("array", repr(v.dtype), str(v.shape), str(v.strides), v.tobytes())
-        elif is_jitted(v):
-            self.note("compiled", repr(sorted(v.targetoptions.items())), repr(v.locals))
-            self._function(v.py_func)
-        elif isinstance(v, FunctionType):
-            self._plain_function(v)
-        elif isinstance(v, type):
-            self._class(v)
+        elif isinstance(v, NAMED) or _foreign(v):
+            self.note("named", type(v).__qualname__, getattr(v, "__module__", ""), ADDRESS.sub("", repr(v)))
         else:
-            self._other(v)
+            number = len(self.met)
+            known = self.met.setdefault((id(v), names if isinstance(v, ModuleType) else None), number)
+            self.note("object", known)
+            if known == number:  # functions and modules may reach each other in a circle
+                self._object(v, names)
 
     def argument(self, kind: Any) -> None:
         """Add the type of an argument; functions that are passed and the order of named fields are compiled in."""
-        self.note("argument", type(kind).__qualname__, ADDRESS.sub("", str(kind)), repr(getattr(kind, "fields", ())))
+        self.note("argument", type(kind).__qualname__, ADDRESS.sub("", str(kind)), getattr(kind, "fields", ()))
         if isinstance(kind, types.Dispatcher):
             self.value(kind.dispatcher)
         elif ADDRESS.search(str(kind)):
             raise Opaque(str(kind))
 
-    def _again(self, v: Any) -> bool:
-        """Return whether an object was visited before, because functions may call each other recursively."""
-        number = len(self.met)
-        known = self.met.setdefault(id(v), number)
-        if known != number:
-            self.note("again", str(known))
-        return known != number
+    def _object(self, v: Any, names: frozenset[str]) -> None:
+        """Add the contents of an object on its first visit."""
+        if isinstance(v, ModuleType):
+            self._globals({name: getattr(v, name) for name in names if hasattr(v, name)}, names)
+        elif is_jitted(v):
+            self.note("compiled", repr(sorted(v.targetoptions.items())), repr(v.locals))
+            self._function(v.py_func)
+        elif isinstance(v, _Intrinsic):
+            self.note("intrinsic", v._prefer_literal, repr(v._ctor_kwargs))
+            self._function(v._defn)
+        elif isinstance(v, FunctionType):
+            self._function(v)
+            for taught in _overloads(v):
+                self.value(taught)
+        elif isinstance(v, type) and issubclass(v, BaseException | enum.Enum | tuple):  # compiled code sees no methods
+            self.note("class", v.__qualname__, repr(getattr(v, "__members__", "")), getattr(v, "_fields", ""))
+            self.value(tuple(getattr(v, "_field_defaults", {}).items()))
+        else:
+            raise Opaque(repr(v))
 
     def _function(self, f: FunctionType) -> None:
-        self.note("function", str(f.__module__))
-        self._code(f.__code__)
-        self.value(f.__defaults__)
-        self.value(f.__kwdefaults__)
-        for cell in f.__closure__ or ():
-            self.value(_cell(cell))
-        named = list(_names(f.__code__))
-        for name in named:
-            if name in f.__globals__:
-                self.note("global", name)
-                self.value(f.__globals__[name], named)
+        self.note("function", f.__module__)
+        names = _names(f.__code__)
+        for v in (f.__code__, f.__defaults__, tuple((f.__kwdefaults__ or {}).items()), *_closed(f)):
+            self.value(v, names)
+        self._globals({name: f.__globals__[name] for name in names & f.__globals__.keys()}, names)
+
+    def _globals(self, found: dict[str, Any], names: frozenset[str]) -> None:
+        """Add values by their names."""
+        self.note(sorted(found))
+        for name in sorted(found):
+            self.value(found[name], names)
 
     def _code(self, code: CodeType) -> None:
         starred = code.co_flags & (inspect.CO_VARARGS | inspect.CO_VARKEYWORDS)  # Numba changes others under a profiler
-        arguments = (code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount, starred)
-        self.note("code", code.co_name, repr(arguments), code.co_code, code.co_exceptiontable)
-        for names in (code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars):
-            self.note(str(len(names)), *names)
-        for constant in code.co_consts[1:] if _starts_with_docstring(code) else code.co_consts:
-            self.value(constant)
-
-    def _module(self, module: ModuleType, names: frozenset[str]) -> None:
-        self.note("module", module.__name__)
-        if (module.__name__, names) in self.modules:  # modules hold each other
-            return
-        self.modules.add((module.__name__, names))
-        foreign = _foreign(module.__name__)
-        for name in sorted(names):
-            # NumPy creates some attributes on access, with warnings; those that compiled code can use exist already.
-            attribute = vars(module).get(name, _MISSING) if foreign else getattr(module, name, _MISSING)
-            if attribute is not _MISSING:
-                self.note("attribute", name)
-                self.value(attribute, names)
-
-    def _plain_function(self, f: FunctionType) -> None:
-        """Add the Numba overloads (`overload`, `register_jitable`) of a function that is not compiled."""
-        self.note("plain function", str(f.__module__), f.__qualname__)
-        if _foreign(f.__module__):
-            return
-        for taught in _overloads(f):
-            self.note("overload", _text(taught.__module__))
-            self._function(taught)
-
-    def _class(self, c: type) -> None:
-        self.note("class", c.__module__, c.__qualname__)
-        if _foreign(c.__module__) or issubclass(c, BaseException):  # of an exception, machine code holds the name only
-            return
-        if hasattr(c, "class_type"):
-            raise Opaque(repr(c))  # a `jitclass`: its methods are compiled elsewhere
-        if issubclass(c, tuple) and hasattr(c, "_fields"):  # a named tuple: compiled code sees its fields only
-            self.value(c._fields)
-            self.value(getattr(c, "_field_defaults", {}))
-        elif issubclass(c, enum.Enum):
-            self.value({name: member.value for name, member in c.__members__.items()})
-        else:
-            self.note(*(_text(base.__module__) for base in c.__mro__ if not _foreign(base.__module__)))
-
-    def _unordered(self, v: Any) -> None:
-        """Add a set or dictionary, sorted by the digests of its items: the hash order of strings differs in every process."""
-        parts = []
-        for item in v.items() if isinstance(v, dict) else v:
-            alone = _Walk()
-            alone.value(item)
-            parts.append(alone.digest.digest())
-        self.note("unordered", type(v).__qualname__, *sorted(parts))
-
-    def _other(self, v: Any) -> None:
-        """Add any other object: an intrinsic by its definition, others by their pickle, both with the text of their file."""
-        made = getattr(v, "_defn", None)
-        self.note("other", type(v).__module__, type(v).__qualname__)
-        if isinstance(made, FunctionType):
-            self.note(repr(getattr(v, "_prefer_literal", None)), repr(getattr(v, "_ctor_kwargs", None)))
-            self.note(_text(made.__module__))
-            self._function(made)
-            return
-        try:
-            self.note(dumps(v))
-        except Exception as error:  # whatever a foreign object's pickling raises
-            raise Opaque(repr(v)) from error
-        for module in {type(v).__module__, str(getattr(v, "__module__", type(v).__module__))}:
-            if not _foreign(module):
-                self.note(_text(module))
+        self.note(code.co_name, code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount, starred)
+        self.note(code.co_code, code.co_exceptiontable, code.co_names)
+        self.note(code.co_varnames, code.co_freevars, code.co_cellvars)
+        self.value(code.co_consts[_starts_with_docstring(code) :])
 
 
-_MISSING = object()
-"""Value of an attribute that a module lacks, because None may be a value."""
+def _foreign(v: Any) -> bool:
+    """Return whether a function, class or module is of a foreign package."""
+    module = v.__name__ if isinstance(v, ModuleType) else getattr(v, "__module__", None)
+    return hasattr(v, "__name__") and (module or "").partition(".")[0] in FOREIGN
 
 
-def _foreign(module: str | None) -> bool:
-    return (module or "").partition(".")[0] in FOREIGN
+def _closed(f: Any) -> list[Any]:
+    """Return the values of a function's closure; of a cell that is not yet bound, nothing."""
+    return [c.cell_contents for c in f.__closure__ or () if c != CellType()]
 
 
-def _cell(cell: Any) -> Any:
-    """Return the value of a closure's cell; None if it is not yet bound."""
-    try:
-        return cell.cell_contents
-    except ValueError:
-        return None
-
-
-def _names(code: CodeType) -> dict[str, None]:
-    """Return the names of globals and attributes in a function and its inner functions, in the order of the code."""
-    names = dict.fromkeys(code.co_names)
-    for constant in code.co_consts:
-        if isinstance(constant, CodeType):
-            names |= _names(constant)
-    return names
+def _names(code: CodeType) -> frozenset[str]:
+    """Return the names of globals and attributes in a function and its inner functions."""
+    return frozenset(code.co_names).union(*(_names(c) for c in code.co_consts if isinstance(c, CodeType)))
 
 
 @cache
@@ -268,15 +183,7 @@ def _starts_with_docstring(code: CodeType) -> bool:
 
 
 def _overloads(f: FunctionType) -> list[FunctionType]:
-    """Return the overloads that Numba compiles in place of a plain function."""
+    """Return the functions that Numba compiles in place of a plain function (`overload`, `register_jitable`)."""
     kinds = [kind for known, kind in builtin_registry.globals if known is f]
     found = [getattr(template, "_overload_func", None) for kind in kinds for template in getattr(kind, "templates", ())]
     return [taught for taught in found if isinstance(taught, FunctionType)]
-
-
-def _text(module: str | None) -> bytes:
-    """Return the text of a module's file."""
-    try:
-        return Path(str(getattr(sys.modules.get(str(module)), "__file__", None))).read_bytes()
-    except OSError as error:
-        raise Opaque(str(module)) from error

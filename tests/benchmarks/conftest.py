@@ -69,8 +69,8 @@ def small(**changes: Any) -> Suite:
 
 def solved(kind: str, settings: dict[str, Any], folder: Path, seed: int = 0) -> pl.DataFrame:
     """The rows of all shards of one block."""
-    block = load_kind(kind).settings(settings)
-    of = load_kind(kind).of(block)
+    of = load_kind(kind)
+    block = of.settings(settings)
     session = Session(of, block, seed, RunFolder(folder), of.prepare(block, seed))
     return pl.concat([shard.solve() for shard in of.shards(block, session)])
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import copy
+import json
 import math
+import shutil
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -14,12 +16,8 @@ import polars as pl
 import pytest
 
 import optik
-from benchmarks.blocks.base import Session, Trials, load_kind
-from benchmarks.blocks.cell import EXECUTED
-from benchmarks.blocks.cell.iso import Iso
-from benchmarks.blocks.cell.iso9283 import NO_NOISE, PathFigures, PoseFigures
-from benchmarks.blocks.cell.laws import Laws
-from benchmarks.blocks.cell.settings import Noise, figures_of, read_block
+from benchmarks.blocks.base import Session, load_kind
+from benchmarks.blocks.cell.settings import CellBlock, Noise
 from benchmarks.blocks.cell.spots import Spots, SpotTrials, answers_along, errors_of, plan_through
 from benchmarks.blocks.cell.trials import facts_of, plant_of, trial_of
 from benchmarks.experiments.base import FAILS, HOLDS, PARTLY, UNTESTED
@@ -40,7 +38,7 @@ SMALL: dict[str, Any] = {
     "seed": 7,
     "cell": [
         {
-            "id": "spots", "what": "spots", "robot": "paper6r", "drive": "ideal", "payload": 1.0, "set": "graph_paper",
+            "id": "spots", "robot": "paper6r", "drive": "ideal", "payload": 1.0, "set": "graph_paper",
             "count": 5, "budgets": [1, 3], "noise": NOISE,
             "options": {
                 "start_deg": START, "normals": ["Y"], "half_size_m": 0.1, "spacing_m": 0.1, "reference_restarts": 1
@@ -50,14 +48,6 @@ SMALL: dict[str, Any] = {
                 {"label": "line", "solver": "lm", "whole": True, "max_problems": 2},
             ],
             "targets": [{"method": "line", "measure": "worst_split_m", "at_most": 1e-12}],
-        },
-        {
-            "id": "iso", "what": "iso", "robot": "paper6r", "drive": "ideal", "start_deg": START, "law": "smooth",
-            "cycles": 1, "path_cycles": 1,
-        },
-        {
-            "id": "laws", "what": "laws", "robot": "paper6r", "drive": "ideal", "start_deg": START,
-            "moves_m": [[-0.01, 0.0, 0.02]], "laws": [{"law": "smooth"}, {"law": "quintic"}],
         },
     ],
 }  # fmt: skip
@@ -72,8 +62,8 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> RunFolder:
     return run_suite(small(), tmp_path_factory.mktemp("cell") / "run")
 
 
-def rows(run: RunFolder, block: str) -> pl.DataFrame:
-    found = run.rows("cell", block)
+def rows(run: RunFolder) -> pl.DataFrame:
+    found = run.rows("cell", "spots")
     assert found is not None
     return found
 
@@ -81,12 +71,11 @@ def rows(run: RunFolder, block: str) -> pl.DataFrame:
 def test_two_workers_give_the_rows_of_one(run: RunFolder, tmp_path: Path) -> None:
     with ThreadPoolExecutor(2) as two:
         both = run_suite(small(), tmp_path / "both", executor=two)
-    for block in ("spots", "iso", "laws"):
-        assert rows(both, block).equals(rows(run, block)), block
+    assert rows(both).equals(rows(run))
 
 
 def test_every_trial_is_executed_and_its_error_is_the_sum_of_its_parts(run: RunFolder) -> None:
-    spots = rows(run, "spots")
+    spots = rows(run)
     assert spots.columns[:3] == ["block", "method", "problem"]
     assert set(spots.columns) >= {*Spots.fields, "group", "known", "x", "y", "z", "distance"}
     assert spots.group_by("method").len().sort("method").rows() == [
@@ -111,37 +100,15 @@ def test_every_trial_is_executed_and_its_error_is_the_sum_of_its_parts(run: RunF
     assert spots.group_by("problem", "repeat").agg(pl.col("laser_x").n_unique())["laser_x"].to_list() == [1] * 5
 
 
-def test_the_cycles_are_those_of_the_standard_and_the_laws_have_both_durations(run: RunFolder) -> None:
-    iso = rows(run, "iso")
-    assert set(iso.columns) == {"block", *Iso.fields}
-    poses = iso.filter((pl.col("test") == "pose") & pl.col("noise"))
-    assert poses.sort("cycle", maintain_order=True)["problem"].to_list() == [5, 4, 3, 2, 1]
-    still = figures_of(iso.filter(~pl.col("noise")))
-    assert [type(f) for f in still] == [PoseFigures] * 5 + [PathFigures]
-    assert {f.reason for f in still} == {NO_NOISE}
-    assert max(f.accuracy for f in still) < 1e-5
-    laws = rows(run, "laws")
-    assert set(laws.columns) == {"block", *Laws.fields}
-    assert laws.select("method", "timed").rows() == [
-        ("smooth", "own"), ("smooth", "same"), ("quintic", "own"), ("quintic", "same")
-    ]  # fmt: skip
-    assert laws["duration"].round(9).to_list()[1:] == [3.0, 3.0, 3.0]
-    assert laws["duration"][0] < 3.0
-
-
-def test_the_report_labels_every_figure_of_iso_9283_as_simulated(run: RunFolder) -> None:
+def test_the_report_has_the_claims_the_noise_and_the_table_of_spots(run: RunFolder) -> None:
     page = write_report(run).read_text(encoding="utf-8")
-    for words in (
-        "The paper&#39;s claims, as executed", "ISO 9283, simulated", "Figure (simulated)", "Fig. 10 as executed",
-        NO_NOISE, "payload, uniform ±5 %",
-    ):  # fmt: skip
+    for words in ("The paper&#39;s claims, as executed", "Fig. 10 as executed", "payload, uniform ±5 %"):
         assert words in page, words
     read = Run(run)
     tables = {table.id: table for table in load_report(load_kind("cell")).tables(read)}
-    assert list(tables) == ["cell-spots-spots", "cell-iso-iso", "cell-laws-laws", "cell-laws-laws-same"]
-    by_hand = rows(run, "spots").filter((pl.col("method") == "dls, 1 iteration") & pl.col("known"))["position_error"]
+    assert list(tables) == ["cell-spots-spots"]
+    by_hand = rows(run).filter((pl.col("method") == "dls, 1 iteration") & pl.col("known"))["position_error"]
     assert tables["cell-spots-spots"].rows[0]["error"] == pytest.approx(1e3 * by_hand.median())  # type: ignore[operator]
-    assert all(row["repeatability"] is None for row in tables["cell-iso-iso"].rows)
     assert [o.held for o in read.outcomes] == [True]
 
 
@@ -149,9 +116,9 @@ def test_the_report_labels_every_figure_of_iso_9283_as_simulated(run: RunFolder)
 
 
 def test_a_trial_depends_on_its_number_alone_and_stays_inside_its_noise() -> None:
-    block = read_block(SMALL["cell"][0])
-    first, again = (trial_of(block, 7, 3, "spot", 0) for _ in range(2))
-    other = trial_of(block, 7, 4, "spot", 0)
+    block = CellBlock.read(SMALL["cell"][0])
+    first, again = (trial_of(block, 7, 3, 0) for _ in range(2))
+    other = trial_of(block, 7, 4, 0)
     assert first.plant == again.plant
     assert first.rng.normal() == again.rng.normal()
     assert first.plant != other.plant
@@ -161,7 +128,6 @@ def test_a_trial_depends_on_its_number_alone_and_stays_inside_its_noise() -> Non
     masses = np.array([p.payload.masses[-1] for p in plants if p.payload is not None])
     assert 0.9 <= factors.min() < 0.905 < 1.095 < factors.max() <= 1.1
     assert 0.95 <= masses.min() < 0.955 < 1.045 < masses.max() <= 1.05
-    assert trial_of(block, 7, 3, "spot", 0, noise=False).plant == robot
 
 
 def test_the_parts_of_an_error_go_into_the_rows_as_they_are() -> None:
@@ -172,17 +138,10 @@ def test_the_parts_of_an_error_go_into_the_rows_as_they_are() -> None:
     assert (row["ik_y"], row["error_z"], row["position_error"]) == (3.0, 6.5, math.sqrt(4 + 25 + 42.25))
 
 
-def parts_of(block: str, tmp_path: Path) -> list[Any]:
-    kind, settings = load_kind("cell"), next(one for one in small().of("cell") if one.id == block)
-    folder = RunFolder(tmp_path / "run")
-    (tmp_path / "run").mkdir(exist_ok=True)
-    own = kind.of(settings)
-    return list(own.shards(settings, Session(own, settings, 7, folder, own.prepare(settings, 7))))
-
-
-@pytest.mark.parametrize("block", ["spots", "laws"])
-def test_work_that_is_divided_has_the_rows_of_the_whole_method_by_method(block: str, tmp_path: Path) -> None:
-    work = parts_of(block, tmp_path)[0].work
+def test_work_that_is_divided_has_the_rows_of_the_whole_method_by_method(tmp_path: Path) -> None:
+    (settings,), kind, folder = small().of("cell"), Spots(), RunFolder(tmp_path)
+    shards = list(kind.shards(settings, Session(kind, settings, 7, folder, kind.prepare(settings, 7))))
+    work: Any = shards[0].work
     todo, alone = [work], []
     while todo:
         one = todo.pop()
@@ -190,13 +149,7 @@ def test_work_that_is_divided_has_the_rows_of_the_whole_method_by_method(block: 
         todo += halves
         alone += [] if halves else [one]
     assert sorted(one.owner for one in alone) == sorted(work.labels)
-    own = pl.concat([one.solve() for one in alone])
-    whole = work.solve()
-    if block == "laws":  # the duration that is common to all laws is known only if all are planned
-        common = own.filter(timed="same")
-        assert set(common["status"]) == {"crashed"} and len(common) == 2
-        own, whole = own.filter(timed="own"), whole.filter(timed="own")
-    keys = [key for key in ("problem", "method", "repeat") if key in own.columns]
+    own, whole, keys = pl.concat([one.solve() for one in alone]), work.solve(), ["problem", "method", "repeat"]
     assert own.sort(keys).equals(whole.sort(keys))
     assert {row["method"] for one in alone for row in one.kind.keys(one)} == set(whole["method"])
 
@@ -213,18 +166,18 @@ def test_a_method_that_ends_its_process_costs_its_own_rows_alone(tmp_path: Path)
     settings["cell"][0]["methods"] = [{"solver": str(tmp_path / "deadly.py"), "label": "deadly"}, {"solver": "dls"}]
     suite = replace(suite_of("small", settings), allow_plugins=True)
     found = run_suite(suite, tmp_path / "run", workers=2)
-    spots = rows(found, "spots").group_by("setting", "status").len().sort("setting").rows()
+    spots = rows(found).group_by("setting", "status").len().sort("setting").rows()
     assert spots == [("deadly", "crashed", 2), ("dls", "executed", 2)]
     assert {one["why"] for one in found.manifest()["failed"]} == {"deadly: its process ended: exit status 3"}
 
 
 def test_a_process_that_ends_leaves_rows_that_say_so(run: RunFolder) -> None:
-    block = read_block(SMALL["cell"][0])
+    block = CellBlock.read(SMALL["cell"][0])
     work = SpotTrials(
-        EXECUTED["spots"], block, 7, (0, 1), tuple(method.label for method in block.methods), repeat=0,
+        Spots(), block, 7, (0, 1), tuple(method.label for method in block.methods), repeat=0,
         targets=np.tile(np.eye(4), (2, 1, 1)), start=np.zeros(6), given=((True, False, True), (True, False, False)),
         pictured=(),
-    )  # type: ignore[attr-defined]  # fmt: skip
+    )  # fmt: skip
     crashed = work.crashed()
     assert crashed.columns == list(Spots.fields)
     assert crashed.select("problem", "method", "status").rows() == [
@@ -233,15 +186,13 @@ def test_a_process_that_ends_leaves_rows_that_say_so(run: RunFolder) -> None:
     ]  # fmt: skip
     halves = pl.concat([part.crashed() for part in work.halves()])
     assert halves.sort("problem", maintain_order=True).equals(crashed)
-    cycle = Trials(EXECUTED["iso"], read_block(SMALL["cell"][1]), 7, (0,), ("with noise",)).crashed()
-    assert cycle.select("status", "test", "cycle").rows() == [("crashed", "pose", 0)]
 
 
 # ---------------------------------------------------------------- settings
 
 
-def changed(block: int, **changes: Any) -> Any:
-    data = copy.deepcopy(SMALL["cell"][block])
+def changed(**changes: Any) -> Any:
+    data = copy.deepcopy(SMALL["cell"][0])
     data.update(changes)
     return {key: value for key, value in data.items() if value is not None}
 
@@ -249,29 +200,25 @@ def changed(block: int, **changes: Any) -> Any:
 @pytest.mark.parametrize(
     ("data", "error", "says"),
     [
-        (changed(0, what="spot"), InvalidInput, r"^cell 'spots': what: expected one of spots, iso, laws; got 'spot'$"),
-        (changed(0, budgts=[1]), InvalidInput, r"expected 'budgets', .*got the key 'budgts'"),
-        (changed(0, cycles=3), InvalidInput, r"the key 'cycles'"),
-        (changed(0, budgets=[3, 1]), InvalidInput, r"budgets: expected whole numbers"),
-        (changed(0, count=0), InvalidInput, r"count: expected a whole number ≥ 1; got 0"),
-        (changed(0, drive="ros"), InvalidInput, r"drive: expected one of auto, ideal, mujoco; got 'ros'"),
-        (changed(0, laser_m=[1, 2]), InvalidInput, r"laser_m: expected three numbers"),
-        (changed(0, noise={"friction": 1.5}), InvalidInput, r"friction: expected a number below 1; got 1\.5"),
-        (changed(0, noise={"laser_angle": -1e-3}), InvalidInput, r"laser_angle: expected a number, 0 or more"),
-        (changed(0, noise={"laser_angle": math.nan}), InvalidInput, "laser_angle"),
-        (changed(0, noise={"lazer_angle": 1}), InvalidInput, "expected 'laser_angle'"),
-        (changed(0, payload=None), InvalidInput, "no `payload` of the block"),
-        (changed(0, methods=[{"solver": "dsl"}]), UnknownName, "dls"),
+        (changed(what="spot"), InvalidInput, r"^cell 'spots': what: expected one of spots; got 'spot'$"),
+        (changed(budgts=[1]), InvalidInput, r"expected 'budgets', .*got the key 'budgts'"),
+        (changed(cycles=3), InvalidInput, r"the key 'cycles'"),
+        (changed(budgets=[3, 1]), InvalidInput, r"budgets: expected whole numbers"),
+        (changed(count=0), InvalidInput, r"count: expected a whole number ≥ 1; got 0"),
+        (changed(drive="ros"), InvalidInput, r"drive: expected one of auto, ideal, mujoco; got 'ros'"),
+        (changed(laser_m=[1, 2]), InvalidInput, r"laser_m: expected three numbers"),
+        (changed(noise={"friction": 1.5}), InvalidInput, r"friction: expected a number below 1; got 1\.5"),
+        (changed(noise={"laser_angle": -1e-3}), InvalidInput, r"laser_angle: expected a number, 0 or more"),
+        (changed(noise={"laser_angle": math.nan}), InvalidInput, "laser_angle"),
+        (changed(noise={"lazer_angle": 1}), InvalidInput, "expected 'laser_angle'"),
+        (changed(payload=None), InvalidInput, "no `payload` of the block"),
+        (changed(methods=[{"solver": "dsl"}]), UnknownName, "dls"),
         (
-            changed(0, methods=[{"solver": "dls", "options": {"max_iterations": 3}}]), InvalidInput,
+            changed(methods=[{"solver": "dls", "options": {"max_iterations": 3}}]), InvalidInput,
             "budgets in place of it",
         ),
-        (changed(0, targets=[{"measure": "rp_mm", "at_most": 1}]), InvalidInput, "measure 'rp_mm'"),
-        (changed(1, start_deg=None), InvalidInput, "no 'start_deg'"),
-        (changed(1, period=0), InvalidInput, r"period: expected seconds above 0; got 0"),
-        (changed(2, laws=[]), InvalidInput, "laws: expected a list that is not empty"),
-        (changed(2, same_duration="yes"), InvalidInput, "same_duration"),
-        (changed(2, moves_m=[[0, 0]]), InvalidInput, "moves_m: expected three numbers"),
+        (changed(targets=[{"measure": "rp_mm", "at_most": 1}]), InvalidInput, "measure 'rp_mm'"),
+        (changed(period=0), InvalidInput, r"period: expected seconds above 0; got 0"),
     ],
 )  # fmt: skip
 def test_a_wrong_value_is_one_line_that_names_it(data: Any, error: type[Exception], says: str) -> None:
@@ -283,19 +230,29 @@ def test_a_wrong_value_is_one_line_that_names_it(data: Any, error: type[Exceptio
 @pytest.mark.parametrize(
     ("data", "says"),
     [
-        (changed(1, start_deg=[1, 2]), "start_deg: expected 6, one for each joint"),
-        (changed(1, start_deg=[0, 200, 0, 0, 0, 0]), "inside the limits"),
-        (changed(1, move_m=[3, 0, 0]), "a line that the arm can follow"),
-        (changed(2, moves_m=[[0, 0, 0]]), "a motion"),
-        (changed(0, options={"start_deg": START, "halfsize": 1}), "halfsize"),
-        (changed(0, robot="ur5e"), "cell 'spots': robot: limits: expected limits on jerk"),
+        (changed(options={"start_deg": START, "halfsize": 1}), "halfsize"),
+        (changed(robot="ur5e"), "cell 'spots': robot: limits: expected limits on jerk"),
     ],
 )
 def test_what_only_trying_shows_is_refused_before_anything_is_written(data: Any, says: str) -> None:
     kind = load_kind("cell")
     with pytest.raises(InvalidInput, match=says):
-        block = kind.settings(data)
-        kind.of(block).prepare(block, 0)
+        kind.prepare(kind.settings(data), 0)
+
+
+@pytest.mark.parametrize("what", ["iso", "laws"])
+def test_a_type_of_an_earlier_version_is_refused_in_a_suite_and_left_out_of_the_report_of_its_run(
+    run: RunFolder, tmp_path: Path, what: str
+) -> None:
+    old = {"id": "old", "what": what, "robot": "paper6r", "start_deg": START}
+    with pytest.raises(InvalidInput, match=rf"^cell 'old': what: expected spots, or .*; got '{what}' of an earlier"):
+        suite_of("old", {"cell": [SMALL["cell"][0] | {"what": "spots"}, old]})
+    shutil.copytree(run.path, tmp_path / "run")
+    manifest = run.manifest()
+    manifest["settings"]["cell"].append(old)
+    (tmp_path / "run/run.json").write_text(json.dumps(manifest), encoding="utf-8")
+    (block,) = Run(RunFolder(tmp_path / "run")).of("cell")
+    assert block.rows.equals(Run(run).of("cell")[0].rows)
 
 
 # ---------------------------------------------------------------- the claims

@@ -14,8 +14,6 @@ from typer.testing import CliRunner
 
 import optik
 from benchmarks.blocks.base import GROUP, load_kind
-from benchmarks.blocks.cell import EXECUTED
-from benchmarks.blocks.cell.trials import EXECUTION
 from benchmarks.cli.app import app
 from benchmarks.cli.explain import Explained, explain
 from benchmarks.cli.runs import warn_of_cluster
@@ -212,10 +210,6 @@ def test_the_page_has_the_columns_of_every_table_of_a_run(own: Path, small_run: 
     for name in sorted(own_names(GROUP)):
         stored = {name for name, field in load_kind(name).fields.items() if field.stored}
         assert found.setdefault(f"`rows/{name}/", stored) == stored | ({"block"} & found[f"`rows/{name}/"])
-    executed = {"All executions": set(EXECUTION)}
-    for title, what in (("Spots (`what", "spots"), ("Cycles (`what", "iso"), ("Laws (`what", "laws")):
-        executed[title] = set(EXECUTED[what].fields) - executed["All executions"]
-    found |= executed
     found |= {
         f"`BLOCK.{t}.parquet": set(pl.read_parquet(small_run.path / f"rows/timing/line.{t}.parquet").columns)
         for t in ("joints", "tool")

@@ -7,14 +7,14 @@ from typing import Any
 import polars as pl
 import pytest
 
-from benchmarks.blocks.base import GROUP, Kind, load_kind
+from benchmarks.blocks.base import GROUP, load_kind
 from benchmarks.records import failures, rows_file
 from benchmarks.report.base import Run, load_report
 from benchmarks.run import run_suite
 from benchmarks.suite import SUITES, suite_of
 from optik.registry import data_file, own_names
 
-LITTLE = {"count": 2, "rounds": 1, "repeats": 1, "cycles": 1, "path_cycles": 1}
+LITTLE = {"count": 2, "rounds": 1, "repeats": 1}
 """Largest value of each key that multiplies the work of a block."""
 LEFT_OUT = {"targets", "peers", "max_problems"}
 """A little block has no bound to meet, names no package of others, and gives every method all problems."""
@@ -34,20 +34,18 @@ def little(settings: Any) -> Any:
     return settings
 
 
-def little_blocks(name: str) -> list[dict[str, Any]]:
-    """The shortest block of our suites for each type of work of a kind, one with a number of problems if there is one."""
-    kind, found = load_kind(name), dict[type[Kind], list[dict[str, Any]]]()
-    for suite in sorted(own_names(SUITES)):
-        for block in tomllib.loads(data_file(SUITES, suite, "suite").read_text(encoding="utf-8")).get(name, []):
-            found.setdefault(type(kind.of(kind.settings(block))), []).append(block)
-    return [little(min(each, key=lambda block: (not is_counted(block), len(str(block))))) for each in found.values()]
+def little_block(name: str) -> dict[str, Any]:
+    """The shortest block of our suites for a kind, one with a number of problems if there is one."""
+    files = (data_file(SUITES, suite, "suite") for suite in sorted(own_names(SUITES)))
+    found = [block for file in files for block in tomllib.loads(file.read_text(encoding="utf-8")).get(name, [])]
+    assert found, f"no suite in benchmarks/suites has a block [[{name}]]: add one"
+    shortest: dict[str, Any] = little(min(found, key=lambda block: (not is_counted(block), len(str(block)))))
+    return shortest
 
 
 @pytest.mark.parametrize("name", sorted(own_names(GROUP)))
 def test_every_kind_solves_two_problems_and_shows_them_in_a_table(name: str, tmp_path: Path) -> None:
-    blocks = little_blocks(name)
-    assert blocks, f"no suite in benchmarks/suites has a block [[{name}]]: add one"
-    suite = suite_of(name, {name: blocks})
+    suite = suite_of(name, {name: [little_block(name)]})
     run = run_suite(suite, tmp_path / "run")
     assert failures(run) == []
     assert run.manifest()["complete"]

@@ -43,6 +43,8 @@ GONE = (
     "rows/plans/line.samples:",
     "rows/timing/line.joints:solver",
     "rows/timing/line.tool:solver",
+    "rows/cell/iso",
+    "rows/cell/laws",
 )
 """Tables and columns that are no longer written, or whose rows are others."""
 SENTENCE = ":reason"

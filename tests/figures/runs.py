@@ -32,15 +32,16 @@ budgets = [1, 3, 10, 30]
 options = { count = 6000 }
 methods = [{ solver = "dls", label = "dls 0.01", options = { damping = 0.01 } }, { solver = "dls" }]
 [[cell]]
-id = "laws"
-what = "laws"
+id = "spots"
 robot = "paper6r"
 drive = "ideal"
-start_deg = [20, -35, 40, 25, 50, -30]
-moves_m = [[-0.01, 0.0, 0.02], [0.01, 0.0, 0.02], [0.0, 0.01, 0.02]]
-laws = [{ law = "smooth" }, { law = "quintic" }]
+set = "graph_paper"
+count = 12
+budgets = [1, 3]
+options = { start_deg = [20, -35, 40, 25, 50, -30], offsets_m = [0.0], half_size_m = 0.3, spacing_m = 0.15 }
+methods = [{ solver = "dls" }, { solver = "lm" }]
 """
-"""Of three kinds, whose parts any worker may do."""
+"""Of two kinds, whose parts any worker may do."""
 
 TIMED = """
 [[calls]]

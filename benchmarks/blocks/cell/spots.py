@@ -9,13 +9,12 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from benchmarks.blocks.base import NUMBER, TEXT, TRUTH, WHOLE, Field, Session, Shard, Trials, chunks, fields_of
+from benchmarks.blocks.base import NUMBER, TEXT, TRUTH, WHOLE, Field, Kind, Session, Shard, Trials, chunks, fields_of
 from benchmarks.blocks.block import Entry
-from benchmarks.blocks.cell.settings import AXES, SpotsBlock, budget_label
+from benchmarks.blocks.cell.settings import AXES, CellBlock, budget_label
 from benchmarks.blocks.cell.trials import (
     EXECUTED_TO_END,
     EXECUTION,
-    CellKind,
     Trial,
     drive_of,
     execute,
@@ -139,14 +138,20 @@ FIELDS = {
 """Fields of the rows: those of the spots are in the table of problems."""
 
 
-class Spots(CellKind):
-    """Spots on graph paper, each with all methods under the same noise."""
+class Spots(Kind):
+    """Spots on graph paper, each with all methods under the same noise. Each file of rows is the work of any process."""
 
+    name = "cell"
+    title = "The executed cell"
+    block = CellBlock
     fields = FIELDS
+    order = 45
+    alone = False
 
-    def prepare(self, block: SpotsBlock, seed: int) -> tuple[Robot, ProblemSet]:
-        """Check the options of every method and of the problem set, and sample the spots."""
-        super().prepare(block, seed)
+    def prepare(self, block: CellBlock, seed: int) -> tuple[Robot, ProblemSet]:
+        """Check the drive and the options of every method and of the problem set, and sample the spots."""
+        trial = trial_of(block, seed, 0, 0)
+        drive_of(with_drive(block), trial, trial.robot.limits.clip(np.zeros(trial.robot.n)))
         with naming(f"cell {block.id!r}: options"):
             robot, problems = block.draw(seed)
         for method in block.methods:
@@ -157,7 +162,7 @@ class Spots(CellKind):
             make_law(block.law).need(MotionLimits.of(robot), robot)
         return robot, problems
 
-    def shards(self, block: SpotsBlock, session: Session) -> Iterator[Shard]:
+    def shards(self, block: CellBlock, session: Session) -> Iterator[Shard]:
         """Write the problems, and divide the work."""
         robot, problems = session.prepared
         store_problems(session.folder, block, robot, problems)
@@ -176,18 +181,22 @@ class Spots(CellKind):
                 )  # fmt: skip
                 yield Shard(f"{repeat:02d}--{part:04d}", work, block.title)
 
+    def compared_rows(self, block: CellBlock, rows: pl.DataFrame) -> pl.DataFrame:
+        """Return the rows on which two runs are compared: one problem is one trial of a spot."""
+        return rows.with_columns(problem=pl.format("{} {}", "problem", "repeat"))
+
     def keys(self, trials: SpotTrials) -> Iterator[dict[str, Any]]:  # type: ignore[override]
         """Yield the fields that identify each execution."""
         return (trials.about(*asked) for asked in trials.asked())
 
     def solve(self, trials: SpotTrials) -> Iterator[dict[str, Any]]:  # type: ignore[override]
         """Execute the trials."""
-        made = [trial_of(trials.block, trials.seed, problem, "spot", trials.repeat) for problem in trials.numbers]
+        made = [trial_of(trials.block, trials.seed, problem, trials.repeat) for problem in trials.numbers]
         shown = [_Shown(trials, i, trial) for i, trial in enumerate(made)]
         return (trials.about(i, method, k) | shown[i].executed(method, k) for i, method, k in trials.asked())
 
 
-def budgets_of(block: SpotsBlock, method: Entry) -> tuple[int | None, ...]:
+def budgets_of(block: CellBlock, method: Entry) -> tuple[int | None, ...]:
     """Return the budgets of a method; only None if it has default settings."""
     return (None,) if method.whole else block.budgets
 

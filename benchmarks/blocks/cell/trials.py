@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import lru_cache
 from importlib.util import find_spec
 from typing import Any, NamedTuple
@@ -11,18 +11,15 @@ import numpy as np
 import polars as pl
 
 from benchmarks.blocks.arms import arm_with
-from benchmarks.blocks.base import NUMBER, TEXT, WHOLE, Field, Kind
-from benchmarks.blocks.cell.settings import AUTO_DRIVE, CellBlock, IsoBlock, LawsBlock, Noise
+from benchmarks.blocks.base import NUMBER, TEXT, WHOLE, Field
+from benchmarks.blocks.cell.settings import AUTO_DRIVE, CellBlock, Noise
 from benchmarks.blocks.contest import trial_seed
 from optik import se3
-from optik.arm.model import unit_factors
 from optik.arm.robot import Robot
-from optik.errors import InvalidInput
 from optik.types import Array
 from planners.cell.drives import Drive, make_drive
 from planners.cell.drives.base import Execution
 from planners.cell.laser import PanTiltLaser
-from planners.paths.line import Line
 from planners.plan import Plan
 
 EXECUTION = {
@@ -55,24 +52,12 @@ def facts_of(execution: Execution) -> dict[str, Any]:
     }  # fmt: skip
     if execution.torque is not None:
         found["energy"] = float(np.trapezoid(np.maximum(execution.torque * execution.dq, 0.0).sum(axis=1), execution.t))
-        peak, bound = peaks(execution)
-        if bound is not None:
+        peak = np.abs(execution.torque).max(axis=0)
+        bound = np.abs(np.asarray(execution.plan.certificate.torque.value, dtype=float))
+        if np.isfinite(bound).all() and (bound > 0.0).all():
             worst = int(np.argmax(peak / bound))
             found |= {"torque_ratio": float(peak[worst] / bound[worst]), "torque_joint": names[worst]}
     return found
-
-
-def peaks(execution: Execution) -> tuple[Array, Array | None]:
-    """Return the largest torque of each motor on the plant, and the certificate's bound on it."""
-    assert execution.torque is not None
-    bound = np.abs(np.asarray(execution.plan.certificate.torque.value, dtype=float))
-    known = np.isfinite(bound).all() and (bound > 0.0).all()
-    return np.abs(execution.torque).max(axis=0), bound if known else None
-
-
-def why_not(planned: Plan) -> str:
-    """Explain why a plan has no motion."""
-    return str(planned.status) if planned.failure is None else planned.failure.reason
 
 
 def failure(drive: str, status: str, reason: str) -> dict[str, Any]:
@@ -80,31 +65,11 @@ def failure(drive: str, status: str, reason: str) -> dict[str, Any]:
     return dict.fromkeys(EXECUTION) | {"drive": drive, "status": status, "reason": reason}
 
 
-class CellKind(Kind):
-    """A type of motions that a simulated drive executes. Each of its files of rows is the work of any process."""
-
-    name = "cell"
-    title = "The executed cell"
-    block = CellBlock
-    order = 45
-    alone = False
-
-    def compared_rows(self, block: CellBlock, rows: pl.DataFrame) -> pl.DataFrame:
-        """Return the rows on which two runs are compared: one problem is one spot, cycle or line."""
-        keys = [key for key in ("problem", "repeat", "test", "cycle", "timed") if key in rows.columns]
-        named = pl.concat_str([pl.col(key).cast(pl.String) for key in keys], separator=" ", ignore_nulls=True)
-        return rows.with_columns(problem=named)
-
-    def prepare(self, block: Any, seed: int) -> Any:
-        """Check the drive."""
-        trial, block = trial_of(block, 0, 0, "check", 0, noise=False), with_drive(block)
-        drive_of(block, trial, trial.robot.limits.clip(np.zeros(trial.robot.n)))
-
-
 def execute(block: CellBlock, planned: Plan, drive: Callable[[], Drive]) -> tuple[dict[str, Any], Execution | None]:
     """Execute a motion; return the facts on it, and the execution if there is a motion."""
     if not planned:
-        return failure(block.drive, str(planned.status), why_not(planned)), None
+        why = str(planned.status) if planned.failure is None else planned.failure.reason
+        return failure(block.drive, str(planned.status), why), None
     execution = drive().execute(planned)
     return facts_of(execution), execution
 
@@ -125,12 +90,12 @@ def with_drive(block: Any) -> Any:
     return block.model_copy(update={"drive": "mujoco" if find_spec("mujoco") is not None else "ideal"})
 
 
-def trial_of(block: CellBlock, seed: int, number: int, what: str, repeat: int, *, noise: bool = True) -> Trial:
+def trial_of(block: CellBlock, seed: int, number: int, repeat: int) -> Trial:
     """Sample the random quantities of a trial. They depend only on the arguments, not on the process or on other work."""
     robot = _arm(block.robot, block.payload)
-    drawn = trial_seed(seed, number, f"cell {what}", repeat)
+    drawn = trial_seed(seed, number, "cell spot", repeat)
     rng = np.random.default_rng(drawn)
-    return Trial(robot, plant_of(robot, block.noise, rng) if noise else robot, drawn % 2**31, rng)
+    return Trial(robot, plant_of(robot, block.noise, rng), drawn % 2**31, rng)
 
 
 @lru_cache(maxsize=8)
@@ -154,12 +119,12 @@ def plant_of(robot: Robot, noise: Noise, rng: np.random.Generator) -> Robot:
     return plant.with_payload(held.masses[-1] * payload, held.com, held.inertia * payload)
 
 
-def drive_of(block: CellBlock, trial: Trial, q: Array, *, noise: bool = True) -> Drive:
+def drive_of(block: CellBlock, trial: Trial, q: Array) -> Drive:
     """Return a drive whose arm is at rest."""
     options = {"plant": trial.plant} if block.drive == "mujoco" else {}
     return make_drive(
         block.drive, trial.robot, q=q, period=block.period, seed=trial.seed, encoder=block.noise.encoder_counts,
-        encoder_noise=block.noise.encoder_angle if noise else 0.0, **options,
+        encoder_noise=block.noise.encoder_angle, **options,
     )  # fmt: skip
 
 
@@ -186,21 +151,3 @@ def _looking(position: Array, at: Array, up: Array) -> Array:
     z = up - (up @ x) * x
     z /= np.linalg.norm(z)
     return se3.pose(np.stack([x, np.cross(z, x), z], axis=1), position)
-
-
-def start_of(block: IsoBlock | LawsBlock) -> tuple[Robot, Array]:
-    """Return the arm of a block, and its start in radians and metres."""
-    robot, where = _arm(block.robot, block.payload), f"cell {block.id!r}: start_deg"
-    if len(block.start_deg) != robot.n:
-        raise InvalidInput(where, f"{len(block.start_deg)} numbers", f"{robot.n}, one for each joint of {robot.name}")
-    q = np.array(block.start_deg) / unit_factors(robot)
-    if not robot.limits.contains(q):
-        raise InvalidInput(where, list(block.start_deg), f"a configuration inside the limits of {robot.name}")
-    return robot, q
-
-
-def line_of(block: IsoBlock | LawsBlock, move_m: Sequence[float]) -> tuple[Robot, Array, Line]:
-    """Return the arm of a block, its start, and a line from there at constant orientation."""
-    robot, q = start_of(block)
-    start = robot.fk(q)
-    return robot, q, Line(start, se3.pose(start[:3, :3], start[:3, 3] + move_m))

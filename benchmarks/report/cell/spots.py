@@ -14,7 +14,7 @@ from benchmarks.records import slug
 from benchmarks.report.base import Run
 from benchmarks.report.boards import Board, Control
 from benchmarks.report.budgets.accuracy import chosen
-from benchmarks.report.cell.tables import drives_of, noise_words, spots_blocks, spots_table
+from benchmarks.report.cell.tables import drives_of, noise_words, spots_table
 from benchmarks.report.figures import (
     ALARM_COLOUR,
     INK_COLOUR,
@@ -91,7 +91,7 @@ EYE = {"x": 1.7, "y": -2.0, "z": 1.0}
 
 def space(run: Run) -> dict[str, Any] | None:
     """Show a picture in space of every block of spots."""
-    boards = [_space_board(b, run) for b in spots_blocks(run) if not _kept(b).is_empty()]
+    boards = [_space_board(b, run) for b in run.of("cell") if not _kept(b).is_empty()]
     return {"words": (), "boards": boards, "tables": ()} if boards else None
 
 
@@ -162,7 +162,7 @@ SPLIT_COLUMNS = {**{part: f"{part}_error" for part in PART_WORDS}, "total": "pos
 
 def split(run: Run) -> dict[str, Any] | None:
     """Show the parts of the error of every block of spots."""
-    blocks = [b for b in spots_blocks(run) if not done(b).is_empty()]
+    blocks = [b for b in run.of("cell") if not done(b).is_empty()]
     if not blocks:
         return None
     words = [
@@ -265,7 +265,7 @@ NEAR_MM = 6.0
 
 def axes(run: Run) -> dict[str, Any] | None:
     """Show Fig. 10 to 13 of every block of spots."""
-    blocks = [b for b in spots_blocks(run) if not done(b).is_empty() and settings_of([b], whole=False)]
+    blocks = [b for b in run.of("cell") if not done(b).is_empty() and settings_of([b], whole=False)]
     if not blocks:
         return None
     words = [
