@@ -98,7 +98,7 @@ def smallest_singular_value(robot: Robot, trajectory: Trajectory) -> tuple[float
 def _find_smallest(chain: Chain, c: Array, knots: Array, end: float) -> tuple[float, float]:
     """Return the smallest singular value of the Jacobian of quintics c (6, m, n) on [0, end], and its time."""
     n = c.shape[2]
-    q, (frame, T, J) = np.empty(n), kinematics.workspace(n)
+    q, (frame, T, J) = np.empty(n), kinematics.workspace(chain, n)
     low, high, count = 0.0, end, GRID_INSTANTS
     while True:
         step, best, at = (high - low) / (count - 1), np.inf, 0

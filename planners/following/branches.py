@@ -99,7 +99,7 @@ def _find_starts(robot: Robot, course: Course, pose: Array, near: Array | None) 
     if singular:
         singular_starts = [left.q for left, _ in find_departures(robot, course)]
         found = np.concatenate([found, np.array(singular_starts).reshape(-1, robot.n)])
-    return keep_different(found, SAME_CONFIGURATION, 2.0 * np.pi * ~robot.prismatic)
+    return keep_different(found, SAME_CONFIGURATION, 2.0 * np.pi * robot.turning)
 
 
 def keep_different(q: Array, apart: float, turn: ArrayLike) -> Array:
@@ -144,7 +144,7 @@ def _list_windings(
     # s is infinite if it stays inside. The first cost includes the distance from a given start.
     low, high = robot.limits.lower[i], robot.limits.upper[i]
     q, turn = way.q[0, i], 2.0 * np.pi
-    if robot.prismatic[i] or low == high:
+    if not robot.turning[i] or low == high:
         first = last = 0
     elif np.isinf(low) or np.isinf(high):  # nearest to the start, or to the finite limit
         goal = near[i] if near is not None else np.clip(0.0, low, high)
