@@ -130,6 +130,8 @@ def to_mjcf(
     _check_payload(robot)
     check_xml_names(robot)
     refuse_motors(robot, "MJCF")
+    if robot.linkage is not None:
+        raise RobotModelError(robot.name, "a linkage, whose axes follow joints; MuJoCo is given serial arms only")
     root = _root(robot, step, limits)
     ET.indent(root)
     text = ET.tostring(root, encoding="unicode") + "\n"

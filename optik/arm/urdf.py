@@ -381,11 +381,15 @@ def write_urdf(arm: ArmModel, path: str | os.PathLike[str] | None = None) -> str
     refuse_motors(arm, "URDF")
     lines = ['<?xml version="1.0"?>', f"<robot name={quoteattr(arm.name)}>", '  <link name="base"/>']
     before = "base"
-    links = _link_bodies(arm)
-    for i, name in enumerate(arm.joint_names):
-        kind, limit = _type_and_limit(arm, i)
+    links, joints, axes = _link_bodies(arm), {name: i for i, name in enumerate(arm.joint_names)}, arm.axes
+    for name in set(joints).difference(axes.joint_names):  # a joint beside the chain that axes follow
+        kind, limit = _type_and_limit(arm, joints[name])
+        lines += [f"  <link name={quoteattr(name + '_link')}/>", f'  <joint name={quoteattr(name)} type="{kind}">']
+        lines += [*_origin_lines("base", name + "_link", np.eye(4)), '    <axis xyz="0 0 1"/>', *limit, "  </joint>"]
+    for i, name in enumerate(axes.joint_names):
+        kind, limit = _type_and_limit(arm, joints[name]) if name in joints else _type_and_limit(axes, i)
         lines += [*_link_lines(f"link{i + 1}", links[i]), f'  <joint name={quoteattr(name)} type="{kind}">']
-        lines += _origin_lines(before, f"link{i + 1}", arm.fixed[i])
+        lines += [*_origin_lines(before, f"link{i + 1}", arm.fixed[i]), *_mimic_lines(arm, i)]
         lines += ['    <axis xyz="0 0 1"/>', *limit, *_dynamics_lines(arm, i), "  </joint>"]
         before = f"link{i + 1}"
     flange = "flange"
@@ -401,7 +405,7 @@ def write_urdf(arm: ArmModel, path: str | os.PathLike[str] | None = None) -> str
 
 def check_xml_names(arm: ArmModel) -> None:
     """Raise RobotModelError if XML cannot contain the name of an arm or of a joint."""
-    for name in (arm.name, *arm.joint_names):
+    for name in (arm.name, *arm.joint_names, *arm.axes.joint_names):
         if not name or re.search("[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]", name):
             raise RobotModelError(arm.name, f"{name!r} cannot be a name in XML")
 
@@ -411,7 +415,7 @@ def _link_bodies(arm: ArmModel) -> list[Body | None]:
     if arm.payload is not None and len(arm.payload.masses) > 1:
         raise RobotModelError(arm.name, f"a payload of {arm.payload}; URDF holds one mass: see with_payload")
     bodies = () if arm.inertia is None else arm.inertia.bodies
-    links = [body if body[0] > 0.0 else None for body in bodies] or [None] * arm.n
+    links = [body if body[0] > 0.0 else None for body in bodies] or [None] * len(arm.fixed)
     return [*links, None if arm.payload is None else arm.payload.bodies[0]]
 
 
@@ -428,6 +432,14 @@ def _link_lines(name: str, body: Body | None) -> list[str]:
         f"      <inertia {inertia}/>",
     ]
     return [f'  <link name="{name}">', "    <inertial>", *inside, "    </inertial>", "  </link>"]
+
+
+def _mimic_lines(arm: ArmModel, i: int) -> list[str]:
+    """Return the <mimic> of an axis that follows a joint of another name."""
+    if (follow := arm.linkage) is None or (name := arm.joint_names[follow.joint[i]]) == follow.names[i]:
+        return []
+    numbers = f'multiplier="{float(follow.factor[i])!r}" offset="{float(follow.offset[i])!r}"'
+    return [f"    <mimic joint={quoteattr(name)} {numbers}/>"]
 
 
 def _dynamics_lines(arm: ArmModel, i: int) -> list[str]:

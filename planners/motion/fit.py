@@ -11,7 +11,6 @@ from optik.arm.robot import Robot
 from optik.errors import NoSolution
 from optik.types import Array
 from planners.certificate.analysis import MotionAnalysis
-from planners.certificate.bounds import MotionBounds
 from planners.certificate.torque import TorqueBounds
 from planners.following.joint_path import JointPath
 from planners.limits import MotionLimits, check_names, kind_of
