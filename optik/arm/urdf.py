@@ -82,6 +82,7 @@ def read_urdf(
         raise RobotModelError(tree.name, problem)
     chain = [tree.above[link] for link in reversed(links[: links.index(base)])]
     tree = hold_joints(tree, chain, values, partial(_axis, tree.name))
+    chain = [tree.above[joint.child] for joint in chain]
     down = _find_gravity(tree, base) if gravity is None else np.asarray(gravity)
     arm, placed = _arm(tree, chain, down, f"URDF {tree.name!r}, from {base} to {tip}{reason}")
     if gravity is None:
@@ -173,7 +174,7 @@ def _arm(tree: Tree, chain: list[Joint], gravity: Array, source: str) -> tuple[A
 def _find_linkage(tree: Tree, axes: list[Joint]) -> tuple[list[Joint], Linkage | None]:
     """Return the joints that drive the axes of a chain, in its order, and the relations between both if there are any."""
     drivers = [find_driver(tree, joint) for joint in axes]
-    if all(driver.joint is joint for driver, joint in zip(drivers, axes, strict=True)):
+    if not any("mimic" in joint.element for joint in axes):
         return axes, None
     for joint, (driver, factor, _) in zip(axes, drivers, strict=True):
         where, other = f"joint {joint.name!r}", driver.element.get("mimic", {}).get("joint", "")

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optik.arm.limits import LIMIT_TOLERANCE
+from optik.arm.motors import ranges_of
 from optik.arm.robot import Robot
 from optik.ik import Tolerance
 from optik.types import Array
@@ -122,7 +123,7 @@ def _choose_winding(robot: Robot, path: Path, way: FollowedTrack, near: Array | 
             ends, joint = leaves, i
     end, ended = float(way.s[-1]), way.ended
     if ends < end:
-        end, ended = ends, TrackEnd(march.LIMIT, ends, 0.0, joint)
+        end, ended = ends, TrackEnd(march.LIMIT, ends, 0.0, ranges_of(robot).find(joint))
     if robot.motors is not None:
         cut = cut_at_motors(robot, way, turns).ended
         if cut is not None and cut.s < end:
