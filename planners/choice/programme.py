@@ -290,7 +290,7 @@ class FreeProgramme:
             joint_changes(chain, self.tool.rows, place.fields, place.path, joints)
         torques = np.empty((len(scales.viscous), K + 1, 6, n, n, 4))
         for load, out in zip(self.robot.loads if len(torques) else (), torques, strict=True):
-            _write_torque_changes(self.robot, load.bodies, place.path, out)
+            write_torque_changes(self.robot, load.bodies, place.path, out)
         twist, tool = np.empty((0, 6)), np.empty((0, 6, n, 2))
         if scales.counts[4]:
             twist, tool = np.empty((K + 1, 6)), np.empty((K + 1, 6, n, 2))
@@ -330,7 +330,7 @@ class FreeProgramme:
         return total[: self.window.free.size]
 
 
-def _write_torque_changes(robot: Robot, bodies: Bodies, path: Array, out: Array) -> None:
+def write_torque_changes(robot: Robot, bodies: Bodies, path: Array, out: Array) -> None:
     """Write what `torque_changes` does for the joints of an arm, which the axes of its chain may follow."""
     follow = robot.linkage
     if follow is None:
