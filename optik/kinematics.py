@@ -23,20 +23,46 @@ Triple = tuple[float, float, float]
 
 Chain = tuple[Array, Flags, Array]
 """An arm as kernels take it: fixed (n, 4, 4), the transforms [1, m] from the joint before (the base, for the first) to
-each joint at q = 0; prismatic (n,), flags of prismatic joints; tool (4, 4), the transform from the last joint to the tool."""
+each joint at q = 0; prismatic (n,), flags of prismatic joints; tool (4, 4), the transform from the last joint to the tool.
+
+The chain of a linkage has N axes for n joints: axis i has the value factor · q[joint] + offset, and the last row of its fixed
+transform holds joint, factor, offset and 0, where that of another arm holds 0, 0, 0 and 1. Kernels that use the axes themselves, and not
+only their frames, the tool and the Jacobian, take the chain of `ArmModel.axes` and values of the axes instead; those of
+`optik.dynamics` read such a chain."""
 Range = tuple[Array, Array]
 """Position limits, or bounds of an iteration, as kernels take them: lower (n,) and upper (n,) [rad, m]."""
 
 
+@inlined
+def axis_of(fixed: Array, i: int) -> tuple[int, float]:
+    """Return the joint that axis i follows, and the factor of its motion [1]."""
+    return (i, 1.0) if fixed[i, 3, 3] == 1.0 else (int(fixed[i, 3, 0]), fixed[i, 3, 1])
+
+
+@inlined
+def turns(chain: Chain, i: int) -> bool:
+    """Return whether whole turns of joint i leave all links in place."""
+    fixed, prismatic, _tool = chain
+    if fixed[0, 3, 3] == 1.0:
+        return not prismatic[i]
+    for k in range(fixed.shape[0]):
+        if fixed[k, 3, 0] == i and (prismatic[k] or fixed[k, 3, 1] != round(fixed[k, 3, 1])):
+            return False
+    return True
+
+
 @compiled
 def frames(chain: Chain, q: Array, out: Array) -> None:
-    """Write the pose of every joint frame, after the joint's own motion.
+    """Write the pose of every axis frame, after the axis's own motion.
 
-    Shapes and units: q (n,) [rad, m], out (n, 4, 4) [1, m] (overwritten).
+    Shapes and units: q (n,) [rad, m], out (N, 4, 4) [1, m] (overwritten).
     """
     fixed, prismatic, _tool = chain
-    for i in range(q.shape[0]):
-        t, c, s = fixed[i], cos(q[i]), sin(q[i])
+    plain = fixed[0, 3, 3] == 1.0
+    for i in range(fixed.shape[0]):
+        t = fixed[i]
+        value = q[i] if plain else t[3, 1] * q[int(t[3, 0])] + t[3, 2]
+        c, s = cos(value), sin(value)
         for r in range(3):
             if i == 0:
                 x, y, z, p = t[r, 0], t[r, 1], t[r, 2], t[r, 3]
@@ -47,7 +73,7 @@ def frames(chain: Chain, q: Array, out: Array) -> None:
                 z = a * t[0, 2] + b * t[1, 2] + d * t[2, 2]
                 p = a * t[0, 3] + b * t[1, 3] + d * t[2, 3] + out[i - 1, r, 3]
             if prismatic[i]:
-                out[i, r, 0], out[i, r, 1], out[i, r, 3] = x, y, p + z * q[i]
+                out[i, r, 0], out[i, r, 1], out[i, r, 3] = x, y, p + z * value
             else:
                 out[i, r, 0], out[i, r, 1], out[i, r, 3] = c * x + s * y, c * y - s * x, p
             out[i, r, 2] = z
@@ -57,7 +83,7 @@ def frames(chain: Chain, q: Array, out: Array) -> None:
 
 @compiled
 def tool_pose(chain: Chain, frame: Array, out: Array) -> None:
-    """Write the tool pose for given joint frames: frame (n, 4, 4) [1, m], out (4, 4) [1, m] (overwritten)."""
+    """Write the tool pose for given axis frames: frame (N, 4, 4) [1, m], out (4, 4) [1, m] (overwritten)."""
     _fixed, _prismatic, tool = chain
     last = frame.shape[0] - 1
     for r in range(3):
@@ -72,9 +98,22 @@ def tool_pose(chain: Chain, frame: Array, out: Array) -> None:
 def jacobian_from(chain: Chain, frame: Array, T: Array, J: Array) -> None:
     """Write the geometric Jacobian in the base frame at the tool point, rows (v, ω).
 
-    Shapes and units: frame (n, 4, 4) [1, m], T (4, 4) [1, m], J (6, n) [m/rad, 1] (overwritten).
+    Shapes and units: frame (N, 4, 4) [1, m], T (4, 4) [1, m], J (6, n) [m/rad, 1] (overwritten).
     """
-    _fixed, prismatic, _tool = chain
+    fixed, prismatic, _tool = chain
+    if fixed[0, 3, 3] != 1.0:
+        J[:] = 0.0
+        for i in range(frame.shape[0]):
+            z0, z1, z2 = fixed[i, 3, 1] * frame[i, 0, 2], fixed[i, 3, 1] * frame[i, 1, 2], fixed[i, 3, 1] * frame[i, 2, 2]
+            j, r = int(fixed[i, 3, 0]), (T[0, 3] - frame[i, 0, 3], T[1, 3] - frame[i, 1, 3], T[2, 3] - frame[i, 2, 3])
+            if prismatic[i]:
+                J[0, j], J[1, j], J[2, j] = J[0, j] + z0, J[1, j] + z1, J[2, j] + z2
+            else:
+                J[0, j] += z1 * r[2] - z2 * r[1]
+                J[1, j] += z2 * r[0] - z0 * r[2]
+                J[2, j] += z0 * r[1] - z1 * r[0]
+                J[3, j], J[4, j], J[5, j] = J[3, j] + z0, J[4, j] + z1, J[5, j] + z2
+        return
     for i in range(frame.shape[0]):
         zx, zy, zz = frame[i, 0, 2], frame[i, 1, 2], frame[i, 2, 2]
         if prismatic[i]:
@@ -89,19 +128,19 @@ def jacobian_from(chain: Chain, frame: Array, T: Array, J: Array) -> None:
 
 
 @inlined
-def workspace(n: int) -> tuple[Array, Array, Array]:
-    """Allocate joint frames, a tool pose and a Jacobian.
+def workspace(chain: Chain, n: int) -> tuple[Array, Array, Array]:
+    """Allocate axis frames, a tool pose and the Jacobian of n joints.
 
-    Returns frame (n, 4, 4) [1, m], T (4, 4) [1, m], J (6, n) [m/rad, 1].
+    Returns frame (N, 4, 4) [1, m], T (4, 4) [1, m], J (6, n) [m/rad, 1].
     """
-    return np.empty((n, 4, 4)), np.empty((4, 4)), np.empty((6, n))
+    return np.empty((chain[0].shape[0], 4, 4)), np.empty((4, 4)), np.empty((6, n))
 
 
 @compiled
 def forward(chain: Chain, q: Array, frame: Array, T: Array) -> None:
     """Write the joint frames and the tool pose of one configuration.
 
-    Shapes and units: q (n,) [rad, m], frame (n, 4, 4) [1, m] (overwritten), T (4, 4) [1, m] (overwritten).
+    Shapes and units: q (n,) [rad, m], frame (N, 4, 4) [1, m] (overwritten), T (4, 4) [1, m] (overwritten).
     """
     frames(chain, q, frame)
     tool_pose(chain, frame, T)
@@ -131,7 +170,7 @@ def error_of_pose(chain: Chain, target: Array, q: Array, frame: Array, T: Array,
 @compiled
 def fk_batch(chain: Chain, q: Array, out: Array) -> None:
     """Write the tool poses of many configurations: q (k, n) [rad, m], out (k, 4, 4) [1, m] (overwritten)."""
-    frame = np.empty((q.shape[1], 4, 4))
+    frame = np.empty((chain[0].shape[0], 4, 4))
     for k in range(q.shape[0]):
         frames(chain, q[k], frame)
         tool_pose(chain, frame, out[k])
@@ -139,11 +178,11 @@ def fk_batch(chain: Chain, q: Array, out: Array) -> None:
 
 @compiled
 def frames_batch(chain: Chain, q: Array, out: Array) -> None:
-    """Write the joint frames and, last, the tool pose of many configurations.
+    """Write the axis frames and, last, the tool pose of many configurations.
 
-    Shapes and units: q (k, n) [rad, m], out (k, n + 1, 4, 4) [1, m] (overwritten).
+    Shapes and units: q (k, n) [rad, m], out (k, N + 1, 4, 4) [1, m] (overwritten).
     """
-    n = q.shape[1]
+    n = chain[0].shape[0]
     for k in range(q.shape[0]):
         frames(chain, q[k], out[k, :n])
         tool_pose(chain, out[k, :n], out[k, n])
@@ -155,7 +194,7 @@ def jacobian_batch(chain: Chain, q: Array, out: Array) -> None:
 
     Shapes and units: q (k, n) [rad, m], out (k, 6, n) [m/rad, 1] (overwritten).
     """
-    frame, T, _J = workspace(q.shape[1])
+    frame, T, _J = workspace(chain, q.shape[1])
     for k in range(q.shape[0]):
         forward(chain, q[k], frame, T)
         jacobian_from(chain, frame, T, out[k])
@@ -167,7 +206,7 @@ def errors_batch(chain: Chain, q: Array, targets: Array, out: Array) -> None:
 
     Shapes and units: q (k, n) [rad, m], targets (k, 4, 4) [1, m], out (k, 6) [m, rad] (overwritten).
     """
-    frame, T, _J = workspace(q.shape[1])
+    frame, T, _J = workspace(chain, q.shape[1])
     for k in range(q.shape[0]):
         error_of_pose(chain, targets[k], q[k], frame, T, out[k])
 
@@ -199,11 +238,11 @@ def tool_motion(chain: Chain, frame: Array, T: Array, q: Array, dq: Array, out: 
 
     It is the forward recursion of Newton–Euler dynamics (Siciliano et al., Robotics, §7.5), differentiated once more.
 
-    Shapes and units: frame (n, 4, 4) [1, m], T (4, 4) [1, m], q (n,) [rad, m], dq (3, n) [rad, m], out (3, 6) [m, rad]
+    Shapes and units: frame (N, 4, 4) [1, m], T (4, 4) [1, m], q (n,) [rad, m], dq (3, n) [rad, m], out (3, 6) [m, rad]
     (overwritten).
     """
     fixed, prismatic, _tool = chain
-    n = q.shape[0]
+    n, plain = fixed.shape[0], fixed[0, 3, 3] == 1.0
     zero = (0.0, 0.0, 0.0)
     w0, w1, w2, p1, p2, p3 = zero, zero, zero, zero, zero, zero
     for i in range(n + 1):
@@ -225,9 +264,10 @@ def tool_motion(chain: Chain, frame: Array, T: Array, q: Array, dq: Array, out: 
             break
         z = (frame[i, 0, 2], frame[i, 1, 2], frame[i, 2, 2])
         z1, z2, z3 = _rotation_derivatives(w0, w1, w2, z)  # rotation with the previous link
-        a, b, c = dq[0, i], dq[1, i], dq[2, i]
+        j, factor = axis_of(fixed, i)
+        a, b, c = factor * dq[0, j], factor * dq[1, j], factor * dq[2, j]
         if prismatic[i]:
-            x = q[i]
+            x = q[i] if plain else factor * q[j] + fixed[i, 3, 2]
             p1 = _plus(_plus(p1, a, z), x, z1)
             p2 = _plus(_plus(_plus(p2, b, z), 2.0 * a, z1), x, z2)
             p3 = _plus(_plus(_plus(_plus(p3, c, z), 3.0 * b, z1), 3.0 * a, z2), x, z3)
@@ -246,7 +286,7 @@ def tool_motion_batch(chain: Chain, q: Array, dq: Array, out: Array) -> None:
 
     Shapes and units: q (k, n) [rad, m], dq (k, 3, n) [rad, m], out (k, 3, 6) [m, rad] (overwritten).
     """
-    frame, T, _J = workspace(q.shape[1])
+    frame, T, _J = workspace(chain, q.shape[1])
     for k in range(q.shape[0]):
         forward(chain, q[k], frame, T)
         tool_motion(chain, frame, T, q[k], dq[k], out[k])
@@ -258,7 +298,7 @@ def singular_values_batch(chain: Chain, q: Array, out: Array) -> None:
 
     Shapes and units: q (k, n) [rad, m], out (k,) [m/rad, 1] (overwritten).
     """
-    frame, T, J = workspace(q.shape[1])
+    frame, T, J = workspace(chain, q.shape[1])
     for k in range(q.shape[0]):
         forward(chain, q[k], frame, T)
         jacobian_from(chain, frame, T, J)

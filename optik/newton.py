@@ -54,7 +54,7 @@ def polish(chain: Chain, target: Array, rows: Array, values: Array, steps: int, 
     [m, rad], rank  [1].
     """
     n, d = q.shape[0], rows.shape[0]
-    frame, T, J = workspace(n)
+    frame, T, J = workspace(chain, n)
     shortest = d == 0 and n > 6
     A, beta, order = np.empty((6 + d, 6 if shortest else n)), np.empty(n), np.empty(n, np.int64)
     e, dq, best = np.empty(6 + d), np.empty(n), q.copy()
@@ -120,7 +120,7 @@ def derivatives_at(
     (overwritten). Returns rank  [1], singular  [m/rad, 1].
     """
     n, d = q.shape[0], rows.shape[1]
-    frame, T, J = workspace(n)
+    frame, T, J = workspace(chain, n)
     A, beta, order = np.empty((6 + d, n)), np.empty(n), np.empty(n, np.int64)
     e, made = np.empty(6 + d), np.empty((3, 6))
     forward(chain, q, frame, T)
@@ -157,7 +157,7 @@ def polish_damped(chain: Chain, target: Array, twist: Array, steps: int, q: Arra
     Returns [m, rad].
     """
     n = q.shape[0]
-    frame, T, J = workspace(n)
+    frame, T, J = workspace(chain, n)
     A, y, dq, e = np.empty((6, 6)), np.empty(6), np.empty(n), np.empty(6)
     worst = 0.0
     for step in range(2 * steps):

@@ -254,7 +254,7 @@ def judge(chain: Chain, limits: Range, goal: Goal, slack: float, q: Array) -> tu
     """
     (lower, upper), (flags, target) = limits, goal
     e, w = np.empty(6), np.empty(3)
-    frame, T, _J = workspace(q.shape[0])
+    frame, T, _J = workspace(chain, q.shape[0])
     p2, r2 = goal_error(chain, flags, target, q, frame, T, e, w)
     inside = True
     for i in range(q.shape[0]):

@@ -73,7 +73,7 @@ def list_drivers(tree: Tree, link: str, chain: set[str]) -> list[Joint]:
 
 
 def hold_joints(tree: Tree, chain: list[Joint], values: Mapping[str, float] | None, axis: Axis) -> Tree:
-    """Return the tree with joints beside the chain held at values [rad, m], and with them those that follow them."""
+    """Return the tree with joints beside the chain held at values [rad, m], and with them all that follow them."""
     if values is None:
         return tree
     if not isinstance(values, Mapping):
@@ -83,7 +83,7 @@ def hold_joints(tree: Tree, chain: list[Joint], values: Mapping[str, float] | No
     above = dict(tree.above)
     for link, joint in tree.above.items():
         driver = find_driver(tree, joint)
-        if driver.joint.name in held and joint.name not in on_chain:
+        if driver.joint.name in held:
             value = driver.factor * held[driver.joint.name] + driver.offset
             u = axis(joint)
             shift = se3.pose(p=value * u) if joint.kind == "prismatic" else se3.pose(se3.exp_so3(value * u))

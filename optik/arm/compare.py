@@ -108,8 +108,9 @@ class _Pair:
         self.position, self.rotation = position, rotation
         self.q = _configurations(first, other)
         self.target = _frames(other, self.q)[:, -1]
-        home = np.concatenate([_frames(arm, np.zeros((1, arm.n))) for arm in (first, other)])
-        self.axes, self.points, self.tools = home[:, :-1, :3, 2], home[:, :-1, :3, 3], home[:, -1, :3, :3]
+        if first.linkage is None and other.linkage is None:
+            home = np.concatenate([_frames(arm, np.zeros((1, arm.n))) for arm in (first, other)])
+            self.axes, self.points, self.tools = home[:, :-1, :3, 2], home[:, :-1, :3, 3], home[:, -1, :3, :3]
 
     def differences(self, poses: Array) -> tuple[float, float]:
         """Return the largest position [m] and rotation [rad] differences from the poses of the other arm."""
@@ -137,6 +138,8 @@ def compare_arms(first: ArmModel, other: ArmModel, *, position: float = 1e-6, ro
     plain = pair.differences(_frames(first, pair.q)[:, -1])
     if pair.is_within(*plain):
         return ArmComparison(True, True, *plain, *plain, *nothing, (), names, _gravity_angle(pair, other, np.eye(4)))
+    if first.linkage is not None or other.linkage is not None:
+        return ArmComparison(False, False, *plain, *plain, *nothing, (UNEXPLAINED,), names)
     against = tuple(_find_axis_differences(pair))
     best = None if against else _find_simplest(pair)
     gravity = _gravity_angle(pair, other, np.eye(4) if best is None else best.values[0])
@@ -173,8 +176,8 @@ def _configurations(first: ArmModel, other: ArmModel) -> Array:
 
 
 def _frames(arm: ArmModel, q: Array) -> Array:
-    """Return the joint frames and, last, the tool poses (k, n + 1, 4, 4) of an arm at configurations (k, n)."""
-    out = np.empty((len(q), arm.n + 1, 4, 4))
+    """Return the joint frames and, last, the tool poses (k, N + 1, 4, 4) of an arm at configurations (k, n)."""
+    out = np.empty((len(q), len(arm.fixed) + 1, 4, 4))
     kinematics.frames_batch(arm.chain, q, out)
     return out
 

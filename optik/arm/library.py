@@ -276,9 +276,12 @@ def _robot(data: dict[str, Any], file: Path, name: str) -> Robot:
     )
     if "motors" not in data:
         return robot
-    motors = read_record(data["motors"], ("matrix",), "motors", optional=("offset_deg", "names"))
+    motors = read_record(data["motors"], ("matrix",), "motors", optional=("offset_deg", "names", "lower_deg", "upper_deg"))
     offset = scale * read_vector(motors.get("offset_deg", [0.0] * len(joints)), "motors.offset_deg", len(joints))
-    return robot.with_motors(motors["matrix"], offset=offset, names=motors.get("names"))
+    coupled = robot.with_motors(motors["matrix"], offset=offset, names=motors.get("names"))
+    ends = [(end, key) for end in ("lower", "upper") if (key := f"{end}_deg") in motors]
+    axes = {end: scale * read_vector(motors[key], f"motors.{key}", len(joints)) for end, key in ends}
+    return coupled.with_limits(**axes) if axes else coupled
 
 
 def _row(joint: Mapping[str, Any], where: str) -> DHRow:

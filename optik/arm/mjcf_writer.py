@@ -15,7 +15,7 @@ from optik.arm.motors import refuse_motors
 from optik.arm.robot import Robot
 from optik.arm.urdf import check_xml_names
 from optik.check import check_flag, check_number
-from optik.errors import InvalidInput, MissingDependency
+from optik.errors import InvalidInput, MissingDependency, RobotModelError
 from optik.file_io import write_atomically
 from optik.types import Array
 
@@ -130,6 +130,8 @@ def to_mjcf(
     _check_payload(robot)
     check_xml_names(robot)
     refuse_motors(robot, "MJCF")
+    if robot.linkage is not None:
+        raise RobotModelError(robot.name, "a linkage, whose axes follow joints; MuJoCo is given serial arms only")
     root = _root(robot, step, limits)
     ET.indent(root)
     text = ET.tostring(root, encoding="unicode") + "\n"

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from optik import dynamics, se3
 from optik.arm.inertia import STANDARD_GRAVITY, Inertia, Load, Payload, arm_loads, payload_masses
 from optik.arm.limits import JointLimits, freeze
+from optik.arm.linkage import Linkage
 from optik.arm.motors import Motors, couple, find_outside, maker_joints, with_motors
 from optik.arm.shapes.model import PAYLOAD, Shapes
 from optik.check import check_flag, check_number, check_words, format_value, real_array
@@ -88,6 +89,7 @@ class ArmModel:
     payload: Payload | None = None
     shapes: Shapes | None = None
     motors: Motors | None = None
+    linkage: Linkage | None = None
 
     def __post_init__(self) -> None:
         for field in ("name", "source"):
@@ -96,7 +98,11 @@ class ArmModel:
         if not isinstance(self.limits, JointLimits):
             raise InvalidInput("limits", repr(self.limits)[:60], "JointLimits(lower, upper)")
         fixed = _check_fixed(self.name, self.fixed)
-        n = len(fixed)
+        links, n = len(fixed), len(fixed)
+        if self.linkage is not None:
+            if not isinstance(self.linkage, Linkage) or len(self.linkage.names) != links or self.motors is not None:
+                raise InvalidInput("linkage", repr(self.linkage)[:60], f"a Linkage of {links} axes, without motors")
+            n = self.linkage.matrix.shape[1]
         if self.limits.lower.size != n:
             raise RobotModelError(self.name, f"{n} joints but limits for {self.limits.lower.size}")
         checked = {
@@ -108,9 +114,9 @@ class ArmModel:
             "gravity_magnitude": check_number(
                 self.gravity_magnitude, "gravity_magnitude", "an acceleration ≥ 0 [m/s²]", least=0.0
             ),
-            "shapes": _check_shapes(self.name, self.shapes, n),
+            "shapes": _check_shapes(self.name, self.shapes, links),
         }
-        _check_masses(self.name, self.inertia, self.payload, n)
+        _check_masses(self.name, self.inertia, self.payload, links)
         if self.motors is not None and not (isinstance(self.motors, Motors) and len(self.motors.names) == n):
             raise InvalidInput("motors", repr(self.motors)[:60], f"Motors of {n} joints")
         if self.motors is not None or hasattr(self.limits, "motors"):
@@ -140,6 +146,7 @@ class ArmModel:
             "inertia": None if self.inertia is None else self.inertia.content,
             "payload": None if self.payload is None else self.payload.content,
             "motors": None if self.motors is None else self.motors.content,
+            "linkage": None if self.linkage is None else self.linkage.content,
         }
         for name, part in later.items():
             if part is not None:
@@ -169,20 +176,45 @@ class ArmModel:
     @cached_property
     def chain(self) -> Chain:
         """The arm as kernels take it: (fixed, prismatic, tool)."""
-        return self.fixed, self.prismatic, self.tool
+        if (follow := self.linkage) is None:
+            return self.fixed, self.prismatic, self.tool
+        fixed = np.array(self.fixed)
+        fixed[:, 3] = np.stack([follow.joint, follow.factor, follow.offset, np.zeros(len(fixed))], axis=1)
+        return freeze(fixed, "fixed"), follow.prismatic, self.tool
 
     @property
     def n(self) -> int:
         """Number of joints."""
-        return int(self.fixed.shape[0])
+        return int(self.prismatic.shape[0])
+
+    @cached_property
+    def axes(self) -> Self:
+        """The arm whose joints are the axes of the chain: of a linkage one without relations, else the arm itself."""
+        if (follow := self.linkage) is None:
+            return self
+        limits = follow.limit_axes(self.limits)
+        given: dict[str, Any] = {"prismatic": follow.prismatic, "joint_names": follow.names, "limits": limits}
+        return replace(self, **given, linkage=None)
+
+    @cached_property
+    def turning(self) -> Flags:
+        """Joints (n,) whose whole turns leave all links in place [1]."""
+        if (follow := self.linkage) is None:
+            return ~self.prismatic
+        stays = ~follow.prismatic & (follow.factor == np.round(follow.factor))
+        return np.array([stays[follow.joint == i].all() for i in range(self.n)])
+
+    def spread(self, q: Array, order: int = 0) -> Array:
+        """Return the values (..., N) of the axes of the chain, or their derivatives, from those of the joints (..., n)."""
+        return q if self.linkage is None else self.linkage.spread(q, order)
 
     @cached_property
     def link_names(self) -> tuple[str, ...]:
-        """Names (n + 1) of the links: "base", then the names of the joints that move them."""
-        base = "base"
-        while base in self.joint_names:
+        """Names (n + 1) of the links: "base", then the names of the joints that move them, of a linkage of its axes."""
+        base, names = "base", self.joint_names if self.linkage is None else self.linkage.names
+        while base in names:
             base += "_"
-        return base, *self.joint_names
+        return base, *names
 
     def configuration(self, q: ArrayLike, argument: str = "q", *, batch: bool = False) -> Array:
         """Check configurations; return them as a float64 array."""
@@ -363,7 +395,7 @@ class ArmDynamics(ArmModel):
         if self.shapes is None:
             wanted = "an arm with shapes, for a payload with shapes: with_shapes(...)"
             raise InvalidInput("robot", f"{self.name!r}, which has none", wanted)
-        return self.shapes.with_part(PAYLOAD, self.n, payload, self.tool)
+        return self.shapes.with_part(PAYLOAD, len(self.fixed), payload, self.tool)
 
     @cached_property
     def loads(self) -> tuple[Load, ...]:
@@ -375,7 +407,10 @@ class ArmDynamics(ArmModel):
         if self.inertia is None:
             wanted = "an arm with masses: with_inertia(...), or a file that states them"
             raise InvalidInput("robot", f"{self.name!r}, whose masses are unknown", wanted)
-        return arm_loads(self.inertia, self.payload, self.tool, self.gravity_magnitude * self.gravity)
+        loads = arm_loads(self.inertia, self.payload, self.tool, self.gravity_magnitude * self.gravity)
+        if self.linkage is None:
+            return loads
+        return tuple(load._replace(**self.linkage.join_friction(load.viscous, load.coulomb)) for load in loads)
 
     def torques(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> Array:
         """Return the joint torques of a motion (inverse dynamics), with payload and friction.

@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optik.arm.limits import JointLimits, freeze
+from optik.arm.limits import LIMIT_TOLERANCE, JointLimits, freeze
 from optik.check import check_words, real_array
 from optik.errors import InvalidInput, RobotModelError
-from optik.types import Array, Flags
+from optik.types import Array, Flags, Indices
 
 WORST_CONDITION = 1e6
 """Largest condition number of a matrix of couplings."""
@@ -164,9 +164,33 @@ class AxisLimits(JointLimits):
         return self.motors
 
     @cached_property
+    def narrower(self) -> Indices:
+        """Indices of the axes whose own ranges are narrower than those that the motors imply."""
+        hull = self._own.limit_axes()
+        return np.flatnonzero((self.lower > hull.lower) | (self.upper < hull.upper))
+
+    @cached_property
     def middle(self) -> Array:
-        """Axes (n,) with the motors in the middle of their ranges [rad, m]."""
-        return freeze(super().clip(self._own.axes(self._own.limits.middle)), "middle")
+        """Axes (n,) with the motors in the middle of their ranges, or inside the ranges of axes and motors [rad, m]."""
+        centre = self._own.axes(self._own.limits.middle)
+        return freeze(self._find_inside(centre) if self.narrower.size else super().clip(centre), "middle")
+
+    def _find_inside(self, q: Array) -> Array:
+        """Return axes inside all ranges, as far from their ends as projections onto each range in turn find them."""
+        motors, n = self._own, self.lower.size
+        rows, offset = np.concatenate([np.eye(n), motors.inverse]), np.append(np.zeros(n), motors.of(np.zeros(n)))
+        low, high = (np.append(getattr(self, end), getattr(motors.limits, end)) for end in ("lower", "upper"))
+        half = np.where(np.isfinite(high - low), 0.5 * (high - low), 1.0)
+        for away in (0.5, 0.2, 0.1, 0.03, 0.01, 0.001, 0.0):
+            for _ in range(MOST_SWEEPS):
+                for row, zero, a, b in zip(rows, offset, low + away * half, high - away * half, strict=True):
+                    x = row @ q + zero
+                    q = q + row * (np.clip(x, a, b) - x) / (row @ row)
+                x = rows @ q + offset
+                if (np.minimum(x - low, high - x) >= 0.9 * away * half - LIMIT_TOLERANCE).all():
+                    return q
+        expected = "ranges of axes with a configuration inside those of the motors"
+        raise InvalidInput("limits", "none", expected)
 
     def contains(self, q: ArrayLike) -> Flags:
         """Return whether configurations satisfy the position limits of axes and motors, within 1e-9."""
@@ -185,10 +209,18 @@ class AxisLimits(JointLimits):
         self, rng: np.random.Generator, count: int, *, margin: float = 0.0, half_if_infinite: ArrayLike = np.pi
     ) -> Array:
         """Sample motors uniformly inside their ranges; return the axes (count, n)."""
-        inside = self._own.limits.sample(rng, count, margin=margin, half_if_infinite=half_if_infinite)
-        return self.clip(self._own.axes(inside))
+        q, out = np.empty((count, self.lower.size)), np.ones(count, np.bool_)
+        for _ in range(MOST_SWEEPS):
+            drawn = self._own.limits.sample(rng, count, margin=margin, half_if_infinite=half_if_infinite)
+            q[out] = self._own.axes(drawn)[out]
+            out = ~self.contains(q)
+            if not (self.narrower.size and out.any()):
+                break
+        return self.clip(q)
 
 
+MOST_SWEEPS = 200
+"""Most sweeps of a search for configurations inside ranges of axes and motors."""
 LIMIT_FIELDS = ("lower", "upper", "velocity", "acceleration", "jerk", "torque", "torque_rate")
 """Fields of the motors' limits."""
 
@@ -204,10 +236,47 @@ def couple(limits: JointLimits, motors: Motors | None) -> JointLimits:
     if motors is None:
         return JointLimits(**given)
     implied = motors.limit_axes()
-    if (limits.lower != implied.lower).any() or (limits.upper != implied.upper).any():
-        expected = "ranges of the motors, which imply those of the axes: with_motors"
-        raise InvalidInput("limits", "ranges of axes", expected)
-    return AxisLimits(**given, motors=motors)
+    given["lower"], given["upper"] = np.maximum(limits.lower, implied.lower), np.minimum(limits.upper, implied.upper)
+    coupled = AxisLimits(**given, motors=motors)
+    _ = coupled.middle  # refuses ranges without a common configuration
+    return coupled
+
+
+class Ranges(NamedTuple):
+    """What has a range: names, ends (k,), its axis (of a motor the one of its place), and rows (k, n) and offsets over the axes.
+
+    These are the motors, and the axes with narrower ranges than the motors imply; without motors the joints.
+    """
+
+    names: tuple[str, ...]
+    lower: Array
+    upper: Array
+    axis: Indices
+    rows: Array
+    offset: Array
+
+    def values(self, q: Array, order: int = 0) -> Array:
+        """Return the values (..., k) of configurations (..., n), or their derivatives."""
+        return q if len(self.rows) == 0 else q @ self.rows.T + (0.0 if order else self.offset)
+
+    def find(self, axis: int) -> int:
+        """Return the entry of an axis: its own, or that of the motor of its place."""
+        return int(np.flatnonzero(self.axis == axis)[-1])
+
+
+def ranges_of(robot: Any) -> Ranges:
+    """Return what has a range."""
+    limits, own, every = robot.limits, robot.motors, np.arange(robot.n)
+    if own is None:
+        return Ranges(robot.joint_names, limits.lower, limits.upper, every, np.empty((0, robot.n)), np.empty(0))
+    which = limits.narrower
+    return Ranges(
+        (*own.names, *(robot.joint_names[i] for i in which)),
+        *(np.append(getattr(own.limits, end), getattr(limits, end)[which]) for end in ("lower", "upper")),
+        np.append(every, which),
+        np.concatenate([own.inverse, np.eye(robot.n)[which]]),
+        np.append(own.of(np.zeros(robot.n)), np.zeros(which.size)),
+    )
 
 
 def find_outside(robot: Any, q: Array) -> tuple[str, float, float, float, int]:
@@ -256,6 +325,8 @@ def from_maker(robot: Any, m: ArrayLike, order: int = 0) -> Array:
 def with_motors(robot: Any, matrix: ArrayLike, offset: ArrayLike | None, names: Sequence[str] | None) -> Any:
     """Return the robot with motors, which take over its limits, rotor inertias and frictions."""
     n, inertia, limits = robot.n, robot.inertia, robot.limits
+    if robot.linkage is not None:
+        raise InvalidInput("robot", f"{robot.name}, a linkage", "an arm whose axes are its joints, for coupled motors")
     known = tuple(f"motor{i + 1}" for i in range(n)) if names is None else names
     none: Any = np.zeros(n)
     moved = (none, none, none) if inertia is None else (inertia.motor, inertia.viscous, inertia.coulomb)

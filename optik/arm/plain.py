@@ -12,6 +12,7 @@ from optik import se3
 from optik.arm.inertia import STANDARD_GRAVITY, Inertia, Payload
 from optik.arm.limits import JointLimits, VelocityByPosition
 from optik.arm.model import ArmModel
+from optik.arm.linkage import Linkage
 from optik.arm.motors import LIMIT_FIELDS, Motors
 from optik.arm.shapes.model import Shapes
 from optik.check import check_number
@@ -32,6 +33,8 @@ INERTIA_KEYS = ("mass", "com", "tensor", "motor", "viscous", "coulomb", "source"
 """Keys of an arm's masses: the fields of `Inertia`."""
 MOTOR_KEYS = ("matrix", "offset", "inertia", "viscous", "coulomb")
 """Keys of motors that are arrays: fields of `Motors`."""
+LINKAGE_KEYS = ("joint", "factor", "offset", "prismatic", "names")
+"""Keys of the relations of a linkage: the fields of `Linkage`."""
 PAYLOAD_KEYS = ("mass", "com", "inertia")
 """Keys of a payload: the fields of `Payload`."""
 ORIENTATIONS = {"rpy_deg": 3, "quaternion_wxyz": 4, "quaternion_xyzw": 4, "rotation_vector_rad": 3, "abc_deg": 3}
@@ -179,16 +182,19 @@ def arm_to_dict(arm: ArmModel) -> dict[str, Any]:
         **masses,
         **({} if arm.shapes is None else {"shapes": shapes_to_dict(arm.shapes)}),
         **({} if arm.motors is None else {"motors": _motors_to_dict(arm.motors)}),
+        **({} if arm.linkage is None else {"linkage": _linkage_to_dict(arm.linkage)}),
     }
 
 
 def arm_from_dict(data: Any) -> ArmModel:
     """Read an arm from plain data; see `Robot.from_dict`."""
-    data = read_record(data, ARM_KEYS, "robot", optional=(*MASS_KEYS, "shapes", "motors"))
+    data = read_record(data, ARM_KEYS, "robot", optional=(*MASS_KEYS, "shapes", "motors", "linkage"))
     joint_names = read_words(data["joint_names"], "robot.joint_names")
     n, prismatic = len(joint_names), data["prismatic"]
     if not isinstance(prismatic, list) or len(prismatic) != n or any(type(p) is not bool for p in prismatic):
         raise InvalidInput("robot.prismatic", repr(prismatic)[:60], f"{n} times true or false")
+    linkage = _linkage_from_dict(data["linkage"]) if "linkage" in data else None
+    links = n if linkage is None else len(linkage.names)
     optional = (*LATER_KEYS, "velocity_by_position")
     given = dict(read_record(data["limits"], LIMIT_KEYS, "robot.limits", optional=optional))
     slowed = given.pop("velocity_by_position", None)
@@ -200,7 +206,7 @@ def arm_from_dict(data: Any) -> ArmModel:
         limits["velocity_by_position"] = VelocityByPosition.from_plain(slowed, "robot.limits.velocity_by_position")
     return ArmModel(
         name=read_word(data["name"], "robot.name"),
-        fixed=read_numbers(data["fixed"], (n, 4, 4), "robot.fixed"),
+        fixed=read_numbers(data["fixed"], (links, 4, 4), "robot.fixed"),
         prismatic=np.array(prismatic, dtype=np.bool_),
         tool=read_numbers(data["tool"], (4, 4), "robot.tool"),
         limits=JointLimits(**limits),
@@ -208,11 +214,27 @@ def arm_from_dict(data: Any) -> ArmModel:
         gravity=read_numbers(data["gravity"], (3,), "robot.gravity"),
         source=read_word(data["source"], "robot.source"),
         gravity_magnitude=_number(data.get("gravity_magnitude", STANDARD_GRAVITY), "robot.gravity_magnitude"),
-        inertia=_inertia(data["inertia"], n) if "inertia" in data else None,
+        inertia=_inertia(data["inertia"], links) if "inertia" in data else None,
         payload=_payload(data["payload"]) if "payload" in data else None,
         shapes=shapes_from_dict(data["shapes"]) if "shapes" in data else None,
         motors=_motors_from_dict(data["motors"], n) if "motors" in data else None,
+        linkage=linkage,
     )
+
+
+def _linkage_to_dict(linkage: Linkage) -> dict[str, Any]:
+    """Return the relations of a linkage as plain data."""
+    return {name: [*getattr(linkage, name)] if name == "names" else getattr(linkage, name).tolist() for name in LINKAGE_KEYS}
+
+
+def _linkage_from_dict(data: Any) -> Linkage:
+    """Read the relations of a linkage from plain data."""
+    data = read_record(data, LINKAGE_KEYS, "robot.linkage")
+    names = read_words(data["names"], "robot.linkage.names")
+    joint, factor, offset = (read_numbers(data[key], (len(names),), f"robot.linkage.{key}") for key in LINKAGE_KEYS[:3])
+    if (joint != np.round(joint)).any() or any(type(slides) is not bool for slides in data["prismatic"]):
+        raise InvalidInput("robot.linkage", f"{data['joint']}, {data['prismatic']}"[:60], "indices, and true or false")
+    return Linkage(joint.astype(np.int64), factor, offset, np.array(data["prismatic"], np.bool_), names)
 
 
 def _motors_to_dict(motors: Motors) -> dict[str, Any]:

@@ -305,7 +305,7 @@ class Robot(ArmDynamics):
         return out
 
     def frames(self, q: ArrayLike) -> Array:
-        """Return the poses of the joint frames and, last, of the tool, in the base frame.
+        """Return the poses of the joint frames and, last, of the tool, in the base frame; of a linkage those of its N axes.
 
         Parameters
         ----------
@@ -318,8 +318,8 @@ class Robot(ArmDynamics):
             Poses [1, m].
         """
         q = self.configuration(q, batch=True)
-        out = np.empty((*q.shape[:-1], self.n + 1, 4, 4))
-        flat = out.reshape(-1, self.n + 1, 4, 4)
+        out = np.empty((*q.shape[:-1], len(self.fixed) + 1, 4, 4))
+        flat = out.reshape(-1, *out.shape[-3:])
         kinematics.frames_batch(self.chain, q.reshape(-1, self.n), flat)
         return out
 

@@ -36,13 +36,13 @@ class Tip(NamedTuple):
 def find_tip(tree: Tree, base: str) -> tuple[str, str]:
     """Return the tip of the only or the longest chain below a link, and the reason if others were possible."""
     ends = _find_ends(tree, base)
-    usable = [end for end in ends if _is_usable(tree, base, end.link)]
+    usable = [end for end in ends if _is_usable(tree, base, end.link)] or ends
     if len(usable) > 1:
         words = join_names([f"{end.link} ({end.joints} joint{'s' * (end.joints > 1)})" for end in usable])
         raise RobotModelError(tree.name, f"possible tips are {words}; for the first: tip={usable[0].link!r}")
     if not ends:
         return base, ""
-    end = (usable or ends)[0]  # if it is not usable, a later check names its joint
+    end = usable[0]
     chosen = sum(link not in tree.below for link in tree.list_below(base)) > 1 or end.link in tree.below
     return end.link, f", {end.reason}{TIP_ADVICE}" if chosen else ""
 

@@ -16,9 +16,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optik import se3
-from optik.arm.branches import MOVING, hold_joints
+from optik.arm.branches import MOVING, find_driver, hold_joints, read_range
 from optik.arm.inertia import Body, Inertia, check_body, join_bodies, transform_body
 from optik.arm.limits import LARGEST_LIMIT, JointLimits, VelocityByPosition, warn_of_degrees
+from optik.arm.linkage import Linkage
 from optik.arm.model import ArmModel
 from optik.arm.motors import refuse_motors
 from optik.arm.tips import find_tip
@@ -81,6 +82,7 @@ def read_urdf(
         raise RobotModelError(tree.name, problem)
     chain = [tree.above[link] for link in reversed(links[: links.index(base)])]
     tree = hold_joints(tree, chain, values, partial(_axis, tree.name))
+    chain = [tree.above[joint.child] for joint in chain]
     down = _find_gravity(tree, base) if gravity is None else np.asarray(gravity)
     arm, placed = _arm(tree, chain, down, f"URDF {tree.name!r}, from {base} to {tip}{reason}")
     if gravity is None:
@@ -135,7 +137,7 @@ def _warn_of_moving_mount(tree: Tree, base: str) -> None:
 
 def _arm(tree: Tree, chain: list[Joint], gravity: Array, source: str) -> tuple[ArmModel, Placed]:
     """Build the arm: merge fixed joints, and rotate frames whose joint axis is not z."""
-    name, fixed, limits, moving = tree.name, [], [], []
+    name, fixed, axes = tree.name, list[Array](), list[Joint]()
     placed: Placed = []
     T = np.eye(4)
     for joint in chain:
@@ -145,26 +147,72 @@ def _arm(tree: Tree, chain: list[Joint], gravity: Array, source: str) -> tuple[A
             turn = se3.pose(_rotate_z_onto(_axis(name, joint)))
             fixed.append(T @ turn)
             T = turn.T.copy()
-            limits.append(_limits(name, joint))
-            moving.append(joint)
+            axes.append(joint)
         placed.append((joint, T.copy()))
-    if not moving:
+    if not axes:
         raise RobotModelError(name, "no joint between base and tip moves")
-    lower, upper, velocity = np.array(limits).T
+    moving, linkage = _find_linkage(tree, axes)
+    lower, upper, velocity = np.array([_limits(name, joint) for joint in moving]).T
     _check_ranges(name, moving, lower, upper)
     known = JointLimits(lower, upper, velocity if np.isfinite(velocity).any() else None)
+    known = known.replace(torque=_read_or_warn(_read_torques, name, moving), **_read_dynamic_limits(name, moving))
     arm = ArmModel(
         name,
         np.array(fixed),
         np.array([joint.kind == "prismatic" for joint in moving]),
         T,
-        known.replace(torque=_read_or_warn(_read_torques, name, moving), **_read_dynamic_limits(name, moving)),
+        known if linkage is None else _include_followers(name, known, moving, axes, linkage),
         tuple(joint.name for joint in moving),
         gravity,
         source,
         inertia=_read_or_warn(_read_masses, tree, placed),
+        linkage=linkage,
     )
     return arm, placed
+
+
+def _find_linkage(tree: Tree, axes: list[Joint]) -> tuple[list[Joint], Linkage | None]:
+    """Return the joints that drive the axes of a chain, in its order, and the relations between both if there are any."""
+    drivers = [find_driver(tree, joint) for joint in axes]
+    if not any("mimic" in joint.element for joint in axes):
+        return axes, None
+    for joint, (driver, factor, _) in zip(axes, drivers, strict=True):
+        where, other = f"joint {joint.name!r}", driver.element.get("mimic", {}).get("joint", "")
+        if "mimic" in driver.element:
+            problem = "follows itself (<mimic>)" if other in (x.name for x in tree.above.values()) else "does not exist"
+            problem = f"{where}: follows joint {other!r}, which {problem}"
+            raise RobotModelError(tree.name, problem)
+        if driver.kind not in MOVING or factor == 0.0:
+            what = "whose multiplier is 0" if driver.kind in MOVING else f"whose type is {driver.kind!r}"
+            raise RobotModelError(tree.name, f"{where}: follows joint {driver.name!r} (<mimic>), {what}")
+    of = {joint.name: place for place, joint in reversed([*enumerate(axes)])}
+    first = {d.joint.name: of.get(d.joint.name, place) for place, d in reversed([*enumerate(drivers)])}
+    moving = sorted({d.joint.name: d.joint for d in drivers}.values(), key=lambda joint: first[joint.name])
+    index = [moving.index(driver.joint) for driver in drivers]
+    slides = np.array([joint.kind == "prismatic" for joint in axes])
+    factor, offset = (np.array([getattr(driver, name) for driver in drivers]) for name in ("factor", "offset"))
+    return moving, Linkage(np.array(index), factor, offset, slides, tuple(joint.name for joint in axes))
+
+
+def _include_followers(
+    robot: str, limits: JointLimits, moving: list[Joint], axes: list[Joint], linkage: Linkage
+) -> JointLimits:
+    """Return the limits of joints, lowered to those of the axes that follow them; torques are the joints' alone."""
+    lower, upper = np.array(limits.lower), np.array(limits.upper)
+    given = {"velocity": limits.velocity, **{name: getattr(limits, name) for name in LIMIT_ATTRIBUTES}}
+    rates = {name: np.full(lower.size, np.inf) if x is None else np.array(x) for name, x in given.items()}
+    for joint, k, factor, offset in zip(axes, linkage.joint, linkage.factor, linkage.offset, strict=True):
+        if BY_POSITION in joint.element and joint is not moving[k]:
+            raise RobotModelError(robot, f"joint {joint.name!r}: follows a joint (<mimic>), with {BY_POSITION}")
+        ends = sorted((np.array(read_range(robot, joint)) - offset) / factor)
+        lower[k], upper[k] = max(lower[k], ends[0]), min(upper[k], ends[1])
+        if not lower[k] < upper[k]:
+            problem = f"follows joint {moving[k].name!r} (<mimic>), whose range it leaves nothing of"
+            raise RobotModelError(robot, f"joint {joint.name!r}: {problem}")
+        for name, values in rates.items():
+            values[k] = min(values[k], (_positive(robot, joint, "limit", name) or np.inf) / abs(factor))
+    known: dict[str, Any] = {name: values for name, values in rates.items() if np.isfinite(values).any()}
+    return limits.replace(lower=lower, upper=upper, **known)
 
 
 def _read_or_warn(read: Callable[P, R], *arguments: P.args, **options: P.kwargs) -> R | None:
@@ -180,10 +228,6 @@ def _check_kind(robot: str, joint: Joint) -> None:
     if joint.kind not in MOVING:
         kinds = "fixed, revolute, continuous or prismatic"
         raise RobotModelError(robot, f"joint {joint.name!r}: type {joint.kind!r}, expected {kinds} on the chain")
-    if "mimic" in joint.element:
-        other = joint.element["mimic"].get("joint", "")
-        problem = f"follows joint {other!r} (<mimic>); on the chain every joint is a variable of its own"
-        raise RobotModelError(robot, f"joint {joint.name!r}: {problem}")
 
 
 def _axis(robot: str, joint: Joint) -> Array:
@@ -338,11 +382,15 @@ def write_urdf(arm: ArmModel, path: str | os.PathLike[str] | None = None) -> str
     refuse_motors(arm, "URDF")
     lines = ['<?xml version="1.0"?>', f"<robot name={quoteattr(arm.name)}>", '  <link name="base"/>']
     before = "base"
-    links = _link_bodies(arm)
-    for i, name in enumerate(arm.joint_names):
-        kind, limit = _type_and_limit(arm, i)
+    links, joints, axes = _link_bodies(arm), {name: i for i, name in enumerate(arm.joint_names)}, arm.axes
+    for name in set(joints).difference(axes.joint_names):  # a joint beside the chain that axes follow
+        kind, limit = _type_and_limit(arm, joints[name])
+        lines += [f"  <link name={quoteattr(name + '_link')}/>", f'  <joint name={quoteattr(name)} type="{kind}">']
+        lines += [*_origin_lines("base", name + "_link", np.eye(4)), '    <axis xyz="0 0 1"/>', *limit, "  </joint>"]
+    for i, name in enumerate(axes.joint_names):
+        kind, limit = _type_and_limit(arm, joints[name]) if name in joints else _type_and_limit(axes, i)
         lines += [*_link_lines(f"link{i + 1}", links[i]), f'  <joint name={quoteattr(name)} type="{kind}">']
-        lines += _origin_lines(before, f"link{i + 1}", arm.fixed[i])
+        lines += [*_origin_lines(before, f"link{i + 1}", arm.fixed[i]), *_mimic_lines(arm, i)]
         lines += ['    <axis xyz="0 0 1"/>', *limit, *_dynamics_lines(arm, i), "  </joint>"]
         before = f"link{i + 1}"
     flange = "flange"
@@ -358,7 +406,7 @@ def write_urdf(arm: ArmModel, path: str | os.PathLike[str] | None = None) -> str
 
 def check_xml_names(arm: ArmModel) -> None:
     """Raise RobotModelError if XML cannot contain the name of an arm or of a joint."""
-    for name in (arm.name, *arm.joint_names):
+    for name in (arm.name, *arm.joint_names, *arm.axes.joint_names):
         if not name or re.search("[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]", name):
             raise RobotModelError(arm.name, f"{name!r} cannot be a name in XML")
 
@@ -368,7 +416,7 @@ def _link_bodies(arm: ArmModel) -> list[Body | None]:
     if arm.payload is not None and len(arm.payload.masses) > 1:
         raise RobotModelError(arm.name, f"a payload of {arm.payload}; URDF holds one mass: see with_payload")
     bodies = () if arm.inertia is None else arm.inertia.bodies
-    links = [body if body[0] > 0.0 else None for body in bodies] or [None] * arm.n
+    links = [body if body[0] > 0.0 else None for body in bodies] or [None] * len(arm.fixed)
     return [*links, None if arm.payload is None else arm.payload.bodies[0]]
 
 
@@ -385,6 +433,14 @@ def _link_lines(name: str, body: Body | None) -> list[str]:
         f"      <inertia {inertia}/>",
     ]
     return [f'  <link name="{name}">', "    <inertial>", *inside, "    </inertial>", "  </link>"]
+
+
+def _mimic_lines(arm: ArmModel, i: int) -> list[str]:
+    """Return the <mimic> of an axis that follows a joint of another name."""
+    if (follow := arm.linkage) is None or (name := arm.joint_names[follow.joint[i]]) == follow.names[i]:
+        return []
+    numbers = f'multiplier="{float(follow.factor[i])!r}" offset="{float(follow.offset[i])!r}"'
+    return [f"    <mimic joint={quoteattr(name)} {numbers}/>"]
 
 
 def _dynamics_lines(arm: ArmModel, i: int) -> list[str]:

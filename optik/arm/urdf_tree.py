@@ -224,7 +224,8 @@ def _connections(robot: str, links: list[str], joints: list[Joint]) -> tuple[dic
     for joint in joints:
         if joint.child in above:
             both = f"{above[joint.child].name!r} and {joint.name!r}"
-            raise RobotModelError(robot, f"link {joint.child!r} has two parents, by the joints {both}")
+            problem = f"link {joint.child!r} has two parents, by the joints {both}"
+            raise RobotModelError(robot, f"{problem}: a closed loop; only linear relations (<mimic>) are read")
         above[joint.child] = joint
     below: dict[str, list[str]] = {}
     for joint in joints:

@@ -111,7 +111,7 @@ def descend_inside(
     """
     tolerance_p, tolerance_r, iterations, patience, progress, gain, damping, growth = rule
     n, (flags, target), (low, high) = q.shape[0], goal, bounds
-    (frame, T, J), work, best = workspace(n), step_workspace(n), q.copy()
+    (frame, T, J), work, best = workspace(chain, n), step_workspace(n), q.copy()
     e, w, dq = np.empty(6), np.empty(3), np.empty(n)
     least, best_p2, best_r2, stalls, scale, iteration = np.inf, np.inf, np.inf, 0, 1.0, first
     while True:

@@ -163,7 +163,7 @@ def _cost_in_task_frame(limits: Range, goal: Goal, objective: Objective, q: Arra
 @compiled
 def compute_cost(chain: Chain, limits: Range, goal: Goal, objective: Objective, q: Array) -> float:
     """Return the cost of the objective at one configuration: q (n,) [rad, m]. Returns [1]."""
-    frame, T, J = workspace(q.shape[0])
+    frame, T, J = workspace(chain, q.shape[0])
     forward(chain, q, frame, T)
     jacobian_from(chain, frame, T, J)
     return _cost_in_task_frame(limits, goal, objective, q, J, np.empty(q.shape[0]))
@@ -236,7 +236,7 @@ def descend(
     Shapes and units: tolerance (float, float) [m, rad], q (n,) [rad, m] (overwritten).
     """
     n, (flags, target), (lower, upper) = q.shape[0], goal, limits
-    frame, T, J = workspace(n)
+    frame, T, J = workspace(chain, n)
     g, d, trial, e, w = np.empty(n), np.empty(n), q.copy(), np.empty(6), np.empty(3)
     if not correct(chain, limits, goal, tolerance, trial, frame, T, J):
         return
@@ -295,6 +295,8 @@ class Preference:
                 raise InvalidInput("prefer", repr(name)[:60], expected)
         weights = {k: check_number(v, f"prefer[{k!r}]", "a weight ≥ 0", least=0.0) for k, v in named.items()}
         weights = {k: weight for k, weight in weights.items() if weight > 0.0}
+        if robot.linkage is not None and "manipulability" in weights:
+            raise InvalidInput("prefer", f"manipulability, for the linkage {robot.name}", "posture or limits")
         if posture is not None and "posture" not in weights:
             raise InvalidInput("posture", "a posture", 'prefer="posture" together with it')
         return cls(robot, weights, None if posture is None else robot.configuration(posture, "posture").copy())

@@ -334,7 +334,7 @@ class IKSolver(ABC):
         robot = self.robot
         if robot.motors is None or not np.isfinite(q).all() or robot.limits.contains(q):
             return q
-        rows = windings(robot, q, q, ~robot.prismatic)
+        rows = windings(robot, q, q, robot.turning)
         inside = rows[robot.limits.contains(rows)]
         return inside[0] if len(inside) else q
 

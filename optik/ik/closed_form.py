@@ -328,7 +328,7 @@ class ClosedForm(IKSolver):
         """Return branches (k, n) of a redundant arm that are nearer than its samples (m, n), or inside the limits at all."""
         tries = rows[np.linalg.norm(rows - near, axis=1).argsort()[:3]]
         if not len(rows):
-            turned = roots + 2.0 * np.pi * np.round((near - roots) / (2.0 * np.pi)) * ~self.robot.prismatic
+            turned = roots + 2.0 * np.pi * np.round((near - roots) / (2.0 * np.pi)) * self.robot.turning
             out = np.abs(turned - self.robot.limits.clip(turned)).max(axis=1, initial=0.0)
             tries = turned[out.argsort()[:16]]
         slid = [branches.slide(self.robot, target, q, near, self._tight) for q in (near, *tries)]

@@ -34,7 +34,7 @@ def iterate(
     Shapes and units: options (5,) [m, rad], q (n,) [rad, m] (overwritten), best (n,) [rad, m] (overwritten), trace
     (max_iterations + 1, 6) or (0, 6) [m, rad] (overwritten).
     """
-    n, (flags, target), (lower, upper), (frame, T, J) = q.shape[0], goal, limits, workspace(q.shape[0])
+    n, (flags, target), (lower, upper), (frame, T, J) = q.shape[0], goal, limits, workspace(chain, q.shape[0])
     A, y, dq, e, w = np.empty((6, 6)), np.empty(6), np.empty(n), np.empty(6), np.empty(3)
     pose, smallest, k = whole_pose(flags), np.inf, 0
     while True:

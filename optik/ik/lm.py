@@ -109,10 +109,12 @@ class LM(IKSolver):
         )  # fmt: skip
         self._n = robot.n
         self._kernel = _compile_single(robot.n)
-        self._arm = pack(robot, self._reach, self._numbers)
         usual = self.time_limit is None and robot.motors is None
-        self._fast = self.task.is_pose and usual and not self.preference
-        self._compare_models()
+        self._packed = self.task.is_pose and robot.linkage is None  # the kernel's axes are the joints
+        self._fast = self._packed and usual and not self.preference
+        if robot.linkage is None:
+            self._arm = pack(robot, self._reach, self._numbers)
+            self._compare_models()
 
     def solve(self, target: ArrayLike, q0: ArrayLike, *, trace: bool = False, closest: bool = False) -> IKResult:
         """Find a configuration whose tool pose is the target."""
@@ -173,7 +175,7 @@ class LM(IKSolver):
     def _attempt(
         self, restart: int, target: Array, q0: Array, trace: bool, time_limit: float | None, last: Attempt | None
     ) -> Attempt:  # fmt: skip
-        if not self.task.is_pose:
+        if not self._packed:
             return super()._attempt(restart, target, q0, trace, time_limit, last)
         arm, n = self._arm.copy(), self.robot.n
         arm[AT_FIRST], arm[AT_ATTEMPTS] = restart, restart + 1
@@ -192,7 +194,7 @@ class LM(IKSolver):
 
     def attempt(self, target: Array, start: Array, trace: bool, time_limit: float | None) -> Attempt:
         """Run one attempt; it is so short that the time limit is checked only between attempts."""
-        if self.task.is_pose:
+        if self._packed:
             return self._attempt(0, target, start, trace, time_limit, None)
         robot, limits = self.robot, self.robot.limits
         # if the arm is redundant, steps respect the limits from the first one: otherwise q drifts out of them (measured)

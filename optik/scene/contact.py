@@ -116,9 +116,9 @@ def find_nearest_pairs(robot: Robot, scene: Scene, q: ArrayLike) -> tuple[Array,
     """Return the least room of an arm at configurations (k,) [m], and the index of the pair (−1 for none)."""
     pairs = find_pairs(robot, scene)
     assert robot.shapes is not None
-    at = np.ascontiguousarray(robot.configuration(q, batch=True)).reshape(-1, robot.n)
+    at = np.ascontiguousarray(robot.spread(robot.configuration(q, batch=True))).reshape(-1, len(robot.fixed))
     room, which = np.empty(len(at)), np.empty(len(at), np.int64)
-    rooms_batch(robot.chain, (robot.shapes.capsules, scene.arrays, pairs.bodies), at, scene.margin, room, which)
+    rooms_batch(robot.axes.chain, (robot.shapes.capsules, scene.arrays, pairs.bodies), at, scene.margin, room, which)
     return room, which
 
 
@@ -130,11 +130,11 @@ def find_clearances(robot: Robot, scene: Scene, q: ArrayLike) -> tuple[Array, In
     """
     bodies = find_pairs(robot, scene).bodies
     assert robot.shapes is not None
-    at = np.ascontiguousarray(robot.configuration(q, batch=True)).reshape(-1, robot.n)
+    at = np.ascontiguousarray(robot.spread(robot.configuration(q, batch=True))).reshape(-1, len(robot.fixed))
     distance, which = np.empty((2, len(at))), np.empty((2, len(at)), np.int64)
     for row, of in enumerate((bodies[:, 2] != SELF, bodies[:, 2] == SELF)):
         shapes = (robot.shapes.capsules, scene.arrays, bodies[of])
-        rooms_batch(robot.chain, shapes, at, 0.0, distance[row], which[row])
+        rooms_batch(robot.axes.chain, shapes, at, 0.0, distance[row], which[row])
         which[row] = np.append(np.flatnonzero(of), -1)[which[row]]
     return distance.T, which.T
 

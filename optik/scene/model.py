@@ -248,8 +248,8 @@ class Scene:
                 else f"{robot.name!r} with a part {name[:60]!r}"
             )
             raise InvalidInput("robot", got, "an arm with shapes, without a part of the object's name")
-        T = se3.inverse(robot.frames(robot.configuration(q))[robot.n - 1])
-        shapes = robot.shapes.with_part(name, robot.n, self._enclose(name), T)
+        T = se3.inverse(robot.frames(robot.configuration(q))[-2])
+        shapes = robot.shapes.with_part(name, len(robot.fixed), self._enclose(name), T)
         pairs = tuple((name, other) for other in check_words(allow, "allow"))
         return robot.with_shapes(shapes), replace(rest, allow=(*rest.allow, *pairs))
 

@@ -35,13 +35,20 @@ const Arm = (() => {
 
   /** What an arm is, from the page's data. */
   const made = data => {
-    const fixed = numbers(data.fixed), tool = numbers(data.tool), n = data.joints.length;
+    const fixed = numbers(data.fixed), tool = numbers(data.tool), n = data.slides.length;
+
+    /** The values of the axes, or their rates, which follow the joints of a linkage. */
+    const axes = (q, rates) => {
+      if (!data.follow) return q;
+      const [joint, factor, offset] = data.follow;
+      return joint.map((j, i) => factor[i] * q[j] + (rates ? 0 : offset[i]));
+    };
 
     /** Poses of the base, of every joint frame and, last, of the tool: n + 2 of them. */
     const frames = q => {
-      const out = [Float64Array.of(1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1)];
+      const out = [Float64Array.of(1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1)], x = axes(q, false);
       for (let i = 0; i < n; i++)
-        out.push(times(times(out[i], fixed.subarray(16 * i, 16 * i + 16)), joint(q[i], data.prismatic[i])));
+        out.push(times(times(out[i], fixed.subarray(16 * i, 16 * i + 16)), joint(x[i], data.slides[i])));
       out.push(times(out[n], tool));
       return out;
     };
@@ -49,14 +56,15 @@ const Arm = (() => {
     /** Velocity of the tool's point [m/s]. */
     const velocity = (poses, dq) => {
       let v = [0, 0, 0];
+      const dx = axes(dq, true);
       const p = origin(poses[n + 1]);
       for (let i = 0; i < n; i++) {
         const z = axis(poses[i + 1], 2);
-        v = plus(v, data.prismatic[i] ? z : cross(z, minus(p, origin(poses[i + 1]))), dq[i]);
+        v = plus(v, data.slides[i] ? z : cross(z, minus(p, origin(poses[i + 1]))), dx[i]);
       }
       return v;
     };
-    return { n, frames, velocity, tool: q => origin(frames(q)[n + 1]) };
+    return { n, joints: data.joints.length, frames, velocity, tool: q => origin(frames(q)[n + 1]) };
   };
 
   /** A motion: its configuration and velocities at any time, by cubics between its instants; at rest outside of them. */

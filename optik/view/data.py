@@ -98,11 +98,13 @@ def describe_surroundings(
 
 
 def _describe_arm(robot: Robot) -> dict[str, Any]:
-    fixed, prismatic, tool = robot.chain
+    (fixed, slides, tool), follow = robot.axes.chain, robot.linkage
     return {
         "joints": list(robot.joint_names),
         "fixed": _numbers(fixed),
-        "prismatic": [bool(slides) for slides in prismatic],
+        "prismatic": robot.prismatic.tolist(),
+        "slides": slides.tolist(),
+        "follow": None if follow is None else [follow.joint.tolist(), follow.factor.tolist(), follow.offset.tolist()],
         "tool": _numbers(tool),
         "per": unit_factors(robot).tolist(),
         "units": unit_names(robot),

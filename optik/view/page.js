@@ -4,8 +4,8 @@
 (() => {
   const $ = name => document.getElementById(name);
   const data = JSON.parse($("data").textContent), arm = Arm.made(data.arm);
-  const tracks = { planned: Arm.track(data.planned, arm.n) };
-  if (data.executed) tracks.executed = Arm.track(data.executed, arm.n);
+  const tracks = { planned: Arm.track(data.planned, arm.joints) };
+  if (data.executed) tracks.executed = Arm.track(data.executed, arm.joints);
   const small = value => { // a deviation, with two digits however small it is
     if (value === 0 || Math.abs(value) >= 0.01) return decimals(value, value ? 3 : 0);
     const [digits, power] = value.toExponential(1).replace("-", "−").split("e");

@@ -154,7 +154,7 @@ class Gripper:
                     f"{robot.name!r}, which has no shapes",
                     f"an arm with shapes, because the {name} has shapes",
                 )
-            shapes = shapes.with_part(name, robot.n, objects, T)
+            shapes = shapes.with_part(name, len(robot.fixed), objects, T)
         return shapes
 
 

@@ -10,9 +10,9 @@ import numpy as np
 from optik.arm.inertia import Load
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
-from optik.types import Array, Flags
+from optik.types import Array, Flags, Indices
 from planners.certificate import checks, peak
-from planners.certificate.bounds import FEW_INTERVALS, MotionBounds, ToolSpeedBounds, tool_speed
+from planners.certificate.bounds import FEW_INTERVALS, MotionBounds, ToolSpeedBounds, instants, tool_speed
 from planners.certificate.effort import stretch_factor
 from planners.certificate.path_error import ERROR_FLOOR, Passage, PathError, path_error
 from planners.certificate.projection import NEAREST_TURN
@@ -114,7 +114,13 @@ class MotionAnalysis(LimitedMotion):
         knots = self.trajectory.knots
         t = knots[:-1, None] + np.diff(knots)[:, None] * shares
         piece = np.repeat(np.arange(knots.size - 1), shares.size)
-        return self.bounds.joints_at(piece, t.ravel()).reshape(*t.shape, 6, -1), t
+        return self.joints_at(piece, t.ravel()).reshape(*t.shape, 6, -1), t
+
+    def joints_at(self, piece: Indices, t: Array) -> Array:
+        """Return the joints' derivatives (k, 6, n) at instants of given pieces."""
+        joints = np.empty((t.size, 6, self.robot.n))
+        instants(self.trajectory.padded, piece, t - self.trajectory.knots[piece], joints)
+        return joints
 
     @cached_property
     def peaks(self) -> dict[Hashable, tuple[Array, Array]]:
@@ -136,7 +142,10 @@ class MotionAnalysis(LimitedMotion):
     @cached_property
     def torques(self) -> TorqueBounds:
         """Torques and proved bounds on them; raises InvalidInput if the arm's masses are unknown."""
-        return TorqueBounds(self.robot, self.bounds.knots, *self.bounds.joint_ends)
+        knots = self.bounds.knots
+        piece = np.arange(knots.size - 1)
+        ends = (self.joints_at(piece, t) for t in (knots[:-1], knots[1:]))
+        return TorqueBounds(self.robot, knots, *ends)
 
     def torque_ratios(self, bound: Array, *, rate: bool) -> TorqueRatios:
         """Return proved bounds on the ratios of joint torques, or of their rates, to the limits (2, n)."""

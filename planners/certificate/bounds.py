@@ -18,7 +18,7 @@ from optik.arm.robot import Robot
 from optik.compiled import compiled
 from optik.kinematics import Chain
 from optik.types import Array, Flags, Indices
-from planners.trajectory import Trajectory
+from planners.trajectory import Trajectory, map_joints
 from planners.trajectory.curve import BINOMIAL, bell
 
 
@@ -116,7 +116,7 @@ def instants(c: Array, piece: Indices, u: Array, out: Array) -> None:
 @compiled
 def _move(chain: Chain, joints: Array, poses: Array, motion: Array) -> None:
     """Write the tool's poses (k, 4, 4), and its twist with two derivatives (k, 3, 6), from the joints' (k, 6, n)."""
-    frame, T, _J = kinematics.workspace(joints.shape[2])
+    frame, T, _J = kinematics.workspace(chain, joints.shape[2])
     for k in range(joints.shape[0]):
         kinematics.forward(chain, joints[k, 0], frame, T)
         poses[k] = T
@@ -141,12 +141,18 @@ FAR_OUT, FEW_INTERVALS = 2.0 * np.pi, 5_000
 of a motion that is farther out or off its path."""
 
 
+def axes_motion(robot: Robot, trajectory: Trajectory) -> Trajectory:
+    """Return the motion of the axes of an arm's chain, which are its joints but for a linkage."""
+    follow = robot.linkage
+    return trajectory if follow is None else map_joints(trajectory, follow.matrix, follow.offset)
+
+
 class MotionBounds:
-    """A trajectory cut into intervals, each with bounds on the derivatives of the tool's motion."""
+    """A trajectory cut into intervals, each with bounds on the derivatives of the tool's motion; joints are the axes."""
 
     def __init__(self, robot: Robot, trajectory: Trajectory) -> None:
-        self.robot, self._trajectory = robot, trajectory
-        self._c = trajectory.padded
+        self.robot, self._trajectory = robot.axes, axes_motion(robot, trajectory)
+        self._c = self._trajectory.padded
         self.knots: Array = trajectory.knots.copy()  # writable like other times, so that kernels are compiled once
         self.lengths: Array = np.linalg.norm(robot.fixed[:, :3, 3], axis=1)
         self.links: Array = np.linalg.norm([*robot.fixed[:, :3, 3], robot.tool[:3, 3]], axis=1)
@@ -275,7 +281,7 @@ def _bound_speeds(
     """
     (chain, links), (c, knots) = arm, curve
     n, k, count = c.shape[2], piece.shape[0], 0
-    frame, T, _J = kinematics.workspace(n)
+    frame, T, _J = kinematics.workspace(chain, n)
     D, work, moves, turns = np.empty((6, n)), np.empty((2, 6)), np.empty(6), np.empty(6)
     # An instant that begins an interval, and the ends of that interval and of those after it, the nearest last.
     left_joints, left_motion = np.empty((6, n)), np.empty((3, 6))

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from optik.arm.motors import maker_names
+from optik.arm.motors import ranges_of
 from optik.card import Bar, Card
 from optik.check import format_count, format_ratio, real_array
 from optik.errors import InvalidInput, InvalidMotion
@@ -232,7 +232,7 @@ class Certificate:
         return (
             *self._limit_violations(),
             *find_continuity_violations(self.continuous, self.jump, self.joint_names),
-            *find_position_violations(self.position_margin, maker_names(self.motion.robot), self.t_position_margin),
+            *find_position_violations(self.position_margin, ranges_of(self.motion.robot).names, self.t_position_margin),
             *self.coverage.find_violations(self.tolerance, self.duration),
             *moving,
             *self.path_error.find_violations(self.tolerance),

@@ -7,7 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from optik import kinematics, linear
-from optik.arm.limits import LIMIT_TOLERANCE, JointLimits
+from optik.arm.limits import LIMIT_TOLERANCE
+from optik.arm.motors import Ranges, ranges_of
 from optik.arm.robot import Robot
 from optik.check import check_number
 from optik.compiled import compiled
@@ -21,12 +22,11 @@ from planners.paths.base import Path
 from planners.trajectory import Extrema, Trajectory, map_joints
 
 
-def reach_of(robot: Robot, trajectory: Trajectory) -> tuple[Extrema, JointLimits]:
-    """Return the positions that a motion reaches, and their limits: of the joints, or of the motors that move them together."""
-    if robot.motors is None:
-        return trajectory.extrema(0), robot.limits
-    moved = map_joints(trajectory, robot.motors.inverse, robot.motors.of(np.zeros(robot.n)))
-    return moved.extrema(0), robot.motors.limits
+def reach_of(robot: Robot, trajectory: Trajectory) -> tuple[Extrema, Ranges]:
+    """Return the positions that a motion reaches, and their ranges."""
+    ranges = ranges_of(robot)
+    moved = trajectory if robot.motors is None else map_joints(trajectory, ranges.rows, ranges.offset)
+    return moved.extrema(0), ranges
 
 
 def position_margins(robot: Robot, trajectory: Trajectory) -> Array:
@@ -98,7 +98,7 @@ def smallest_singular_value(robot: Robot, trajectory: Trajectory) -> tuple[float
 def _find_smallest(chain: Chain, c: Array, knots: Array, end: float) -> tuple[float, float]:
     """Return the smallest singular value of the Jacobian of quintics c (6, m, n) on [0, end], and its time."""
     n = c.shape[2]
-    q, (frame, T, J) = np.empty(n), kinematics.workspace(n)
+    q, (frame, T, J) = np.empty(n), kinematics.workspace(chain, n)
     low, high, count = 0.0, end, GRID_INSTANTS
     while True:
         step, best, at = (high - low) / (count - 1), np.inf, 0

@@ -11,7 +11,7 @@ from optik.arm.robot import Robot
 from optik.scene import Scene
 from optik.scene.contact import check_scene, find_pairs
 from optik.types import Flags
-from planners.certificate.bounds import NARROWEST_SHARE
+from planners.certificate.bounds import NARROWEST_SHARE, axes_motion
 from planners.certificate.clearance_search import search
 from planners.certificate.violation import Violation
 from planners.trajectory import Trajectory
@@ -154,10 +154,11 @@ def clearance(robot: Robot, trajectory: Trajectory, scene: Scene) -> Clearance:
     check_scene(robot, scene)
     assert robot.shapes is not None
     pairs = find_pairs(robot, scene)
-    motion = (trajectory.padded, trajectory.knots, trajectory.piece_ranges, _is_continuous(trajectory))
+    axes = axes_motion(robot, trajectory)
+    motion = (axes.padded, axes.knots, axes.piece_ranges, _is_continuous(axes))
     wanted = (scene.margin, *CLOSE, NARROWEST_SHARE * trajectory.duration, MOST_INTERVALS)
     least = np.empty((2, 4))
-    search(robot.chain, (robot.shapes.capsules, scene.arrays, pairs.bodies), motion, wanted, least)
+    search(robot.axes.chain, (robot.shapes.capsules, scene.arrays, pairs.bodies), motion, wanted, least)
     touched = least[0, 0] <= scene.margin or least[1, 0] <= 0.0
     kinds: list[Closest | None] = []
     for found, t, value, pair in least.tolist():

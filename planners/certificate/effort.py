@@ -140,7 +140,7 @@ def _parts(model: Model, ends: TorqueEnds, rate: bool) -> _Parts:
     joints, values = np.concatenate([ends.first, ends.last]), np.concatenate([ends.left, ends.right])
     load = model[1]
     kinetic = np.empty_like(values)
-    torques_at((*model[:3], MOTION), joints, kinetic)
+    torques_at((*model[:3], MOTION, model[4]), joints, kinetic)
     powers = np.zeros((len(joints), 4, joints.shape[2]))
     viscous = load.viscous * joints[:, 2 if rate else 1]
     first = 1 if rate else 0

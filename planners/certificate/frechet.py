@@ -16,6 +16,7 @@ from optik.arm.robot import Robot
 from optik.compiled import compiled
 from optik.ik.base import Tolerance
 from optik.types import Array
+from planners.certificate.bounds import axes_motion
 from planners.certificate.path_error import PathError
 from planners.paths.poses import embed_poses
 from planners.trajectory import Trajectory
@@ -54,6 +55,7 @@ def waypoint_error(robot: Robot, trajectory: Trajectory, waypoints: Array, toler
 
 def _sample_tool(robot: Robot, trajectory: Trajectory, allowed: Array) -> tuple[Array, Chords]:
     """Return instants at which the tool is within the allowed distances (2,) of its chords, and its poses there."""
+    robot, trajectory = robot.axes, axes_motion(robot, trajectory)
     knots, turning = trajectory.knots, ~robot.prismatic
     links = np.linalg.norm([*robot.fixed[:, :3, 3], robot.tool[:3, 3]], axis=1).sum()
     # Distance of the tool from every joint; a derivative of q_i moves it by at most this, or by 1 if the joint slides.

@@ -113,7 +113,10 @@ def path_error(
     piece, at, off, knot = _known_positions(nearest, bounds, trajectory) or _search_positions(
         nearest, bounds, trajectory
     )
-    errors = _Errors(bounds, path, nearest, np.minimum(enough, ERROR_FLOOR))
+    most = path.joint_bounds()
+    if most is not None and robot.linkage is not None:
+        most = most[..., robot.linkage.joint] * np.abs(robot.linkage.factor)
+    errors = _Errors(bounds, path, nearest, np.minimum(enough, ERROR_FLOOR), most)
     proved = errors.bound(piece, at, off) + ERROR_ROUNDING
     error = PathError(*(float(x) for x in (*proved, *errors.found, *errors.when)))
     t, s = (np.append(x[: piece.size], x[2 * piece.size - 1]) for x in (at.t, at.s))
@@ -174,9 +177,11 @@ class _Errors:
     ``found`` and ``when`` (2,) are the largest values found, and their times [s].
     """
 
-    def __init__(self, bounds: MotionBounds, path: Path, nearest: Nearest, floor: Array) -> None:
+    def __init__(
+        self, bounds: MotionBounds, path: Path, nearest: Nearest, floor: Array, most: Array | None
+    ) -> None:
         self._bounds, self._nearest, self._floor = bounds, nearest, floor
-        self._end, self._limits, self._joint_bounds = path.end, PieceBounds.of(path), path.joint_bounds()
+        self._end, self._limits, self._joint_bounds = path.end, PieceBounds.of(path), most
         self.found, self.when = np.zeros(2), np.zeros(2)
         self.falls: list[Array] = []
 

@@ -206,7 +206,7 @@ class NearestJoints(Nearest):
     def _joints(self, s: Array, order: int) -> Array:
         found = self._path.configurations(self._robot, s, order)
         assert found is not None
-        return found
+        return self._robot.spread(found, order)
 
     def _measure(self) -> tuple[float, Array]:
         s = (self._breaks[:-1, None] + np.diff(self._breaks)[:, None] * np.linspace(0.0, 1.0, BEND_SAMPLES)).ravel()

@@ -34,11 +34,12 @@ Of gravity alone, −Σ m_l ∂c_l/∂q_i · g, only the fourth derivative of �
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 
-from optik.arm.inertia import Load
+from optik.arm.inertia import Inertia, Load
+from optik.arm.linkage import Linkage
 from optik.arm.robot import Robot
 from optik.compiled import compiled
 from optik.dynamics import torques_batch
@@ -63,8 +64,9 @@ def sizes(robot: Robot, load: Load) -> Sizes:
     mass, com, tensor, _motor, gravity = load.bodies
     lengths = np.linalg.norm(robot.fixed[:, :3, 3], axis=1)
     half = 0.5 * np.trace(tensor, axis1=1, axis2=2)
+    viscous = load.viscous if robot.linkage is None else cast(Inertia, robot.inertia).viscous
     return (
-        lengths, np.asarray(robot.prismatic), mass, np.linalg.norm(com, axis=1), half, load.viscous,
+        lengths, np.asarray(robot.axes.prismatic), mass, np.linalg.norm(com, axis=1), half, viscous,
         float(np.linalg.norm(gravity)),
     )  # fmt: skip
 
@@ -206,8 +208,8 @@ class TorqueEnds(NamedTuple):
 
 ALL, GRAVITY, MOTION = 0, 1, 2
 """Parts of the torque: all without Coulomb friction, that of gravity, or that which accelerates the masses."""
-Model = tuple[Chain, Load, Sizes, int]
-"""An arm, its load, the sizes of both, and the part of the torque."""
+Model = tuple[Chain, Load, Sizes, int, Linkage | None]
+"""An arm, its load, the sizes of both, the part of the torque, and the relations of its axes."""
 
 
 class TorqueBounds:
@@ -215,7 +217,7 @@ class TorqueBounds:
 
     def __init__(self, robot: Robot, knots: Array, first: Array, last: Array, *, still: bool = False) -> None:
         self.models: tuple[Model, ...] = tuple(
-            (robot.chain, load, sizes(robot, load), GRAVITY if still else ALL) for load in robot.loads
+            (robot.chain, load, sizes(robot, load), GRAVITY if still else ALL, robot.linkage) for load in robot.loads
         )
         self.ends: list[TorqueEnds] = []
         for model in self.models:
@@ -223,7 +225,7 @@ class TorqueBounds:
             torques_at(model, first, left)
             torques_at(model, last, right)
             fourths = np.empty(first[:, 0].shape)
-            _fourths(model[2], model[3] == GRAVITY, np.diff(knots), first, fourths)
+            bound_fourths(model, np.diff(knots), first, fourths)
             self.ends.append(TorqueEnds(knots[:-1], knots[1:], first, last, left, right, fourths))
         self._kept: dict[tuple[bool, bytes], TorqueRatios] = {}
 
@@ -282,7 +284,7 @@ def rest_velocity(ends: TorqueEnds) -> float:
 
 def torques_at(model: Model, joints: Array, out: Array) -> None:
     """Compute torques and their rates, without Coulomb friction."""
-    chain, load, _, part = model
+    chain, load, _, part, _ = model
     states = np.ascontiguousarray(joints[:, :4])
     torques_batch(chain, load.bodies, load.viscous if part == ALL else _nothing(load.viscous), states, out)
     if part == ALL:
@@ -354,7 +356,7 @@ def _divide(
         t, h, joints = np.concatenate([t, t + h]), np.concatenate([h, h]), np.concatenate([joints, later])
         left, right = np.concatenate([left, middle]), np.concatenate([middle, right])
         fourths = np.empty(joints[:, 0].shape)
-        _fourths(model[2], model[3] == GRAVITY, h, joints, fourths)
+        bound_fourths(model, h, joints, fourths)
     np.maximum(proved, found, out=proved)
 
 
@@ -397,6 +399,19 @@ def _find_loose(
             for i in range(n):
                 proved[0, i], proved[1, i] = max(proved[0, i], bound[k, 0, i]), max(proved[1, i], bound[k, 1, i])
     return loose
+
+
+def bound_fourths(model: Model, h: Array, joints: Array, out: Array) -> None:
+    """Write what `_fourths` computes; of a linkage with the derivatives of the axes, whose torques move the joints."""
+    _, _, arm, part, follow = model
+    if follow is None:
+        _fourths(arm, part == GRAVITY, h, joints, out)
+        return
+    axes = joints[..., follow.joint] * follow.factor
+    axes[:, 0] += follow.offset
+    each = np.empty(axes[:, 0].shape)
+    _fourths(arm, part == GRAVITY, h, axes, each)
+    out[:] = each @ np.abs(follow.matrix)
 
 
 @compiled

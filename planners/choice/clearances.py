@@ -52,9 +52,9 @@ class NearPairs:
         self._memory = np.zeros((count, capsules, 2, 3)), np.zeros((count, capsules)), np.zeros((count, pairs))
         (link, a, b, radius), (body, other, kind) = self._bodies[0], self._bodies[2].T
         own = kind == SELF
-        owner = np.where(own, -1 - (robot.n + 1) * link[body] - link[np.where(own, other, 0)], body)
+        owner = np.where(own, -1 - (len(robot.fixed) + 1) * link[body] - link[np.where(own, other, 0)], body)
         starts = ((np.arange(pairs) % BLOCK == 0) & ~own) | (np.diff(owner, prepend=-1) != 0)
-        self._balls = np.zeros((robot.n + 1, 4))
+        self._balls = np.zeros((len(robot.fixed) + 1, 4))
         for i in np.unique(link):
             ends, thick = np.concatenate([a[link == i], b[link == i]]), np.tile(radius[link == i], 2)
             centre = 0.5 * (ends.min(axis=0) + ends.max(axis=0))
@@ -155,8 +155,7 @@ def pair_rooms(
     Shapes and units: q (k, n) [rad, m], margin [m], slots (k, s), room (k, s) [m], slope (k, s, n) [m/rad, 1].
     """
     (link, a, b, radius), scene, pairs = bodies
-    n = q.shape[1]
-    frame, places = np.empty((n, 4, 4)), np.empty((link.shape[0], 2, 3))
+    frame, places = np.empty((chain[0].shape[0], 4, 4)), np.empty((link.shape[0], 2, 3))
     for k in range(q.shape[0]):
         kinematics.frames(chain, q[k], frame)
         for m in range(link.shape[0]):
@@ -182,10 +181,12 @@ def pair_rooms(
             for j in range(base, link[m]):
                 z0, z1, z2 = frame[j, 0, 2], frame[j, 1, 2], frame[j, 2, 2]
                 if chain[1][j]:
-                    slope[k, s, j] = u0 * z0 + u1 * z1 + u2 * z2
+                    rate = u0 * z0 + u1 * z1 + u2 * z2
                 else:
                     d0, d1, d2 = x - frame[j, 0, 3], y - frame[j, 1, 3], z - frame[j, 2, 3]
-                    slope[k, s, j] = u0 * (z1 * d2 - z2 * d1) + u1 * (z2 * d0 - z0 * d2) + u2 * (z0 * d1 - z1 * d0)
+                    rate = u0 * (z1 * d2 - z2 * d1) + u1 * (z2 * d0 - z0 * d2) + u2 * (z0 * d1 - z1 * d0)
+                of, factor = kinematics.axis_of(chain[0], j)
+                slope[k, s, of] += factor * rate
 
 
 @compiled
@@ -204,7 +205,7 @@ def find_near(
     """
     (link, a, b, radius), scene, pairs = bodies
     (places, moved, known), (begin, least, balls) = memory, blocks
-    frame, spheres, count = np.empty((q.shape[1], 4, 4)), np.empty((link.shape[0], 4)), 0
+    frame, spheres, count = np.empty((chain[0].shape[0], 4, 4)), np.empty((link.shape[0], 4)), 0
     ahead = np.zeros(link.shape[0])  # added to a stored bound of the previous configuration, gives one of this
     for k in range(q.shape[0]):
         kinematics.frames(chain, q[k], frame)

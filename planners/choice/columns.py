@@ -8,7 +8,7 @@ import numpy as np
 
 from optik import newton
 from optik.compiled import compiled, inlined
-from optik.kinematics import Chain, tool_pose
+from optik.kinematics import Chain, axis_of, tool_pose
 from optik.linear import qr_factor, qr_solve
 from optik.types import Array, Flags, Indices
 from planners.choice.torques import move
@@ -45,14 +45,18 @@ def joint_changes(chain: Chain, rows: Array, fields: Array, path: Array, h: Arra
 
     Shapes and units: rows (r, n), fields (k, d, 4, 6), D = d + r, path (4, k, n).
     """
-    n, r, d = path.shape[2], rows.shape[0], fields.shape[1]
-    T, S, V = np.empty((n, 4, 4)), np.empty((n, 4, 6)), np.empty((n, 3, 6))
+    n, r, d, fixed = path.shape[2], rows.shape[0], fields.shape[1], chain[0]
+    N = fixed.shape[0]
+    T, S, V = np.empty((N, 4, 4)), np.empty((N, 4, 6)), np.empty((N, 3, 6))
     A, beta, order, b = np.empty((6 + r, n)), np.empty(n), np.empty(n, np.int64), np.empty(6 + r)
     for k in range(path.shape[1]):
         move(chain, path, k, T, S, V)
-        for i in range(n):
+        A[:] = 0.0
+        for i in range(N):
+            at, factor = axis_of(fixed, i)
             for x in range(6):
-                A[x, i] = S[i, 0, x]
+                A[x, at] += factor * S[i, 0, x]
+        for i in range(n):
             for x in range(r):
                 A[6 + x, i] = rows[x, i]
         qr_factor(A, beta, order)
@@ -61,8 +65,9 @@ def joint_changes(chain: Chain, rows: Array, fields: Array, path: Array, h: Arra
                 for x in range(6):
                     b[x] = fields[k, c, m, x] if c < d else 0.0
                     for i in range(1, m + 1):
-                        for j in range(n):
-                            b[x] -= CHOOSE[m, i] * S[j, i, x] * h[k, m - i, c, j]
+                        for j in range(N):
+                            at, factor = axis_of(fixed, j)
+                            b[x] -= CHOOSE[m, i] * S[j, i, x] * (factor * h[k, m - i, c, at])
                 for x in range(r):
                     b[6 + x] = 1.0 if m == 0 and c == d + x else 0.0
                 qr_solve(A, beta, order, b, h[k, m, c])
@@ -71,8 +76,9 @@ def joint_changes(chain: Chain, rows: Array, fields: Array, path: Array, h: Arra
 @compiled
 def tool_changes(chain: Chain, path: Array, twist: Array, change: Array) -> None:
     """Write the tool's twist per unit of s (k, 6), (v, ω), and its derivatives (k, 6, n, 2) in q and q'."""
-    n = path.shape[2]
+    n = chain[0].shape[0]
     T, S, V, E = np.empty((n, 4, 4)), np.empty((n, 4, 6)), np.empty((n, 3, 6)), np.empty(6)
+    change[:] = 0.0
     tool, p, ahead = np.empty((4, 4)), np.empty(3), np.empty(6)
     for k in range(path.shape[1]):
         move(chain, path, k, T, S, V)
@@ -85,7 +91,7 @@ def tool_changes(chain: Chain, path: Array, twist: Array, change: Array) -> None
             twist[k, 3 + x] = w[x]
             twist[k, x] = w[3 + x] + w[y] * p[z] - w[z] * p[y]
         for j in range(n):
-            s = S[j, 0]
+            s, (at, factor) = S[j, 0], axis_of(chain[0], j)
             for x in range(6):
                 ahead[x] = w[x] - V[j, 0, x]
             for order in range(2):
@@ -96,14 +102,14 @@ def tool_changes(chain: Chain, path: Array, twist: Array, change: Array) -> None
                     E[:] = s
                 for x in range(3):
                     y, z = (x + 1) % 3, (x + 2) % 3
-                    change[k, 3 + x, j, order] = E[x]
-                    change[k, x, j, order] = E[3 + x] + E[y] * p[z] - E[z] * p[y]
+                    change[k, 3 + x, at, order] += factor * E[x]
+                    change[k, x, at, order] += factor * (E[3 + x] + E[y] * p[z] - E[z] * p[y])
                 if order == 0:  # the point itself moves
                     for x in range(3):
                         y, z = (x + 1) % 3, (x + 2) % 3
                         dy = s[3 + y] + s[z] * p[x] - s[x] * p[z]
                         dz = s[3 + z] + s[x] * p[y] - s[y] * p[x]
-                        change[k, x, j, 0] += w[y] * dz - w[z] * dy
+                        change[k, x, at, 0] += factor * (w[y] * dz - w[z] * dy)
 
 
 class Scales(NamedTuple):

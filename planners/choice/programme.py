@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from optik.arm.robot import Robot
+from optik.dynamics import Bodies
 from optik.types import Array, Flags, Indices
 from planners.choice.columns import Local, Scales, Window, fill, fill_further, joint_changes, tool_changes, trace
 from planners.choice.torques import torque_changes
@@ -289,7 +290,7 @@ class FreeProgramme:
             joint_changes(chain, self.tool.rows, place.fields, place.path, joints)
         torques = np.empty((len(scales.viscous), K + 1, 6, n, n, 4))
         for load, out in zip(self.robot.loads if len(torques) else (), torques, strict=True):
-            torque_changes(chain, load.bodies, place.path, out)
+            write_torque_changes(self.robot, load.bodies, place.path, out)
         twist, tool = np.empty((0, 6)), np.empty((0, 6, n, 2))
         if scales.counts[4]:
             twist, tool = np.empty((K + 1, 6)), np.empty((K + 1, 6, n, 2))
@@ -327,3 +328,15 @@ class FreeProgramme:
         total = np.zeros(self.window.free.size + self.width)
         np.add.at(total, self.begin[:, None] + np.arange(self.width), part)
         return total[: self.window.free.size]
+
+
+def write_torque_changes(robot: Robot, bodies: Bodies, path: Array, out: Array) -> None:
+    """Write what `torque_changes` does for the joints of an arm, which the axes of its chain may follow."""
+    follow = robot.linkage
+    if follow is None:
+        torque_changes(robot.chain, bodies, path, out)
+        return
+    axes, M = np.stack([follow.spread(q, order) for order, q in enumerate(path)]), follow.matrix
+    each = np.empty((*out.shape[:2], len(M), len(M), 4))
+    torque_changes(robot.axes.chain, bodies, axes, each)
+    out[:] = np.einsum("kcijo,im,jn->kcmno", each, M, M)

@@ -15,7 +15,7 @@ import numpy as np
 
 from optik.compiled import compiled, inlined
 from optik.dynamics import Bodies
-from optik.kinematics import Chain, frames
+from optik.kinematics import Chain, axis_of, frames
 from optik.types import Array
 from planners.paths.screws import CHOOSE, cross
 
@@ -61,12 +61,13 @@ def _dot(a: Array, b: Array) -> float:
 
 @compiled
 def move(chain: Chain, path: Array, at: int, T: Array, S: Array, V: Array) -> None:
-    """Write the screws of the joints and the velocities of the links, with their derivatives, at one point of a path."""
-    _fixed, prismatic, _tool = chain
+    """Write the screws of the axes and the velocities of the links, with their derivatives, at one point of a path."""
+    fixed, prismatic, _tool = chain
     n = S.shape[0]
     frames(chain, path[0, at], T)
     S[:], V[:] = 0.0, 0.0
     for i in range(n):
+        j, factor = axis_of(fixed, i)
         if prismatic[i]:
             for x in range(3):
                 S[i, 0, 3 + x] = T[i, x, 2]
@@ -82,7 +83,7 @@ def move(chain: Chain, path: Array, at: int, T: Array, S: Array, V: Array) -> No
                 for x in range(6):
                     V[i, order, x] = V[i - 1, order, x] if i > 0 else 0.0
                     for m in range(order + 1):
-                        V[i, order, x] += CHOOSE[order, m] * S[i, m, x] * path[order + 1 - m, at, i]
+                        V[i, order, x] += CHOOSE[order, m] * S[i, m, x] * (factor * path[order + 1 - m, at, j])
 
 
 @compiled

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optik.arm.limits import LIMIT_TOLERANCE
+from optik.arm.motors import ranges_of
 from optik.arm.robot import Robot
 from optik.ik import Tolerance
 from optik.types import Array
@@ -99,7 +100,7 @@ def _find_starts(robot: Robot, course: Course, pose: Array, near: Array | None) 
     if singular:
         singular_starts = [left.q for left, _ in find_departures(robot, course)]
         found = np.concatenate([found, np.array(singular_starts).reshape(-1, robot.n)])
-    return keep_different(found, SAME_CONFIGURATION, 2.0 * np.pi * ~robot.prismatic)
+    return keep_different(found, SAME_CONFIGURATION, 2.0 * np.pi * robot.turning)
 
 
 def keep_different(q: Array, apart: float, turn: ArrayLike) -> Array:
@@ -122,7 +123,7 @@ def _choose_winding(robot: Robot, path: Path, way: FollowedTrack, near: Array | 
             ends, joint = leaves, i
     end, ended = float(way.s[-1]), way.ended
     if ends < end:
-        end, ended = ends, TrackEnd(march.LIMIT, ends, 0.0, joint)
+        end, ended = ends, TrackEnd(march.LIMIT, ends, 0.0, ranges_of(robot).find(joint))
     if robot.motors is not None:
         cut = cut_at_motors(robot, way, turns).ended
         if cut is not None and cut.s < end:
@@ -144,7 +145,7 @@ def _list_windings(
     # s is infinite if it stays inside. The first cost includes the distance from a given start.
     low, high = robot.limits.lower[i], robot.limits.upper[i]
     q, turn = way.q[0, i], 2.0 * np.pi
-    if robot.prismatic[i] or low == high:
+    if not robot.turning[i] or low == high:
         first = last = 0
     elif np.isinf(low) or np.isinf(high):  # nearest to the start, or to the finite limit
         goal = near[i] if near is not None else np.clip(0.0, low, high)

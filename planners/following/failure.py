@@ -10,7 +10,7 @@ from typing import Self
 import numpy as np
 
 import optik
-from optik.arm.motors import maker_limits, maker_names
+from optik.arm.motors import ranges_of
 from optik.arm.reach import ask_unit, outside_reach
 from optik.arm.robot import Robot
 from optik.errors import NoSolution
@@ -132,9 +132,9 @@ def explain_end(robot: Robot, path: Path, reach: Array, ended: TrackEnd, q: Arra
     """Return the failure at the end of a branch, by its last valid configuration and the path just behind the end."""
     sigma, s, at = smallest_singular_value(robot, q), ended.s, format_position(path, ended.s)
     if ended.code == march.LIMIT:
-        i, limits = ended.joint, maker_limits(robot)
-        name, low, high = maker_names(robot)[i], limits.lower[i], limits.upper[i]
-        reason = f"{name} reaches the end of its range [{low:.6g}, {high:.6g}] {joint_unit(robot, i)} at {at}"
+        i, ranges = ended.joint, ranges_of(robot)
+        name, low, high, unit = ranges.names[i], ranges.lower[i], ranges.upper[i], joint_unit(robot, ranges.axis[i])
+        reason = f"{name} reaches the end of its range [{low:.6g}, {high:.6g}] {unit} at {at}"
         return PlanFailure(FollowStatus.OUTSIDE_LIMITS, s, name, reason + _ask_unit(path, reach), "", sigma)
     status, reason = _explain_beyond(robot, path, reach, ended, q, sigma)
     reason = f"{reason}; smallest singular value {sigma:.2g}{_ask_unit(path, reach)}"

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from optik import newton
-from optik.arm.motors import maker_limits, maker_names
+from optik.arm.motors import ranges_of
 from optik.arm.reach import reach_bound
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
@@ -137,10 +137,9 @@ class Follower:
         q, dq = np.array(orders[0]), np.stack([np.array(d) for d in orders[1:]], axis=1)
         (s, i), failure, good = find_exit(robot, knots, q, dq), None, len(knots)
         if s <= path.end:
-            good, name = int(np.searchsorted(knots, s)), maker_names(robot)[i]
-            limits = maker_limits(robot)
-            low, high = limits.lower[i], limits.upper[i]
-            span = f"[{low:.6g}, {high:.6g}] {joint_unit(robot, i)}"
+            good, ranges = int(np.searchsorted(knots, s)), ranges_of(robot)
+            name, low, high = ranges.names[i], ranges.lower[i], ranges.upper[i]
+            span = f"[{low:.6g}, {high:.6g}] {joint_unit(robot, ranges.axis[i])}"
             reason = f"{name} leaves its range {span} at {format_position(path, s)}"
             advice = "a path in joint space inside the limits"
             failure = PlanFailure(FollowStatus.OUTSIDE_LIMITS, s, name, reason, advice)

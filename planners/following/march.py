@@ -102,7 +102,7 @@ def misfit(chain: Chain, q: Array, dq: Array, pose: Array, twist: Array, out: Ar
     [m, 1, 1, 1/m].
     """
     n = q.shape[0]
-    frame, T, made = np.empty((n, 4, 4)), np.empty((4, 4)), np.empty((3, 6))
+    frame, T, made = np.empty((chain[0].shape[0], 4, 4)), np.empty((4, 4)), np.empty((3, 6))
     frames(chain, q, frame)
     tool_pose(chain, frame, T)
     tool_motion(chain, frame, T, q, dq, made)

@@ -70,7 +70,7 @@ def find_departures(robot: Robot, course: Course, near: Array | None = None) -> 
         nodes, found = course.nodes(np.array([s])), False
         for q in find_regular_roots(robot, nodes.poses[0], CLEAR)[0]:
             if near is not None:
-                q = q + 2.0 * np.pi * ~robot.prismatic * np.round((near - q) / (2.0 * np.pi))
+                q = q + 2.0 * np.pi * robot.turning * np.round((near - q) / (2.0 * np.pi))
                 if np.abs(q - near).max() > march.LARGEST_STEP:
                     continue
             dq = np.empty((3, robot.n))

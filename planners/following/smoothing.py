@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from optik.compiled import compiled
-from optik.kinematics import Chain, frames, jacobian_from, tool_pose
+from optik.kinematics import Chain, frames, jacobian_from, tool_pose, workspace
 from optik.linear import cholesky_solve, copy_matrix, copy_vector, damped_step
 from optik.se3 import pose_error
 from optik.types import Array
@@ -39,7 +39,7 @@ def project_onto(chain: Chain, target: Array, q: Array, J: Array) -> float:
     Shapes and units: target (4, 4) [m], q (n,) [rad, m], J (6, n) [m/rad, 1]. Returns [m, rad].
     """
     n = q.shape[0]
-    frame, T, e, dq = np.empty((n, 4, 4)), np.empty((4, 4)), np.empty(6), np.empty(n)
+    frame, T, e, dq = np.empty((chain[0].shape[0], 4, 4)), np.empty((4, 4)), np.empty(6), np.empty(n)
     A, y, best, worst = np.empty((6, 6)), np.empty(6), np.empty(n), np.inf
     for _ in range(12):
         frames(chain, q, frame)
@@ -161,7 +161,7 @@ def find_null_spaces(chain: Chain, way: Array, first: Array, N: Array) -> float:
     Shapes and units: way (k, n) [rad, m], first (n, d) [1], N (k, n, d) [1]. Returns [1].
     """
     n = way.shape[1]
-    frame, T, J, least = np.empty((n, 4, 4)), np.empty((4, 4)), np.empty((6, n)), 1.0
+    (frame, T, J), least = workspace(chain, n), 1.0
     for k in range(way.shape[0]):
         frames(chain, way[k], frame)
         tool_pose(chain, frame, T)

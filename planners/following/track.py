@@ -8,7 +8,7 @@ import numpy as np
 
 from optik import newton
 from optik.arm.limits import LIMIT_TOLERANCE
-from optik.arm.motors import maker_joints, maker_limits
+from optik.arm.motors import ranges_of
 from optik.arm.robot import Robot
 from optik.ik import Tolerance
 from optik.types import Array
@@ -74,10 +74,10 @@ def track(
 
 def find_exit(robot: Robot, s: Array, q: Array, dq: Array) -> tuple[float, int]:
     """Return where the first joint, or motor, leaves its range between nodes, and which; infinity if none does."""
-    limits = maker_limits(robot)
-    x, dx = maker_joints(robot, q), maker_joints(robot, dq, 1)
-    lower, upper = limits.lower - LIMIT_TOLERANCE, limits.upper + LIMIT_TOLERANCE
-    exits = [march.find_limit_exit(s, x, dx, lower, upper, i) for i in range(robot.n)]
+    ranges = ranges_of(robot)
+    x, dx = ranges.values(q), ranges.values(dq, 1)
+    lower, upper = ranges.lower - LIMIT_TOLERANCE, ranges.upper + LIMIT_TOLERANCE
+    exits = [march.find_limit_exit(s, x, dx, lower, upper, i) for i in range(lower.size)]
     i = int(np.argmin(exits))
     return float(exits[i]), i
 
@@ -86,7 +86,10 @@ def cut_at_motors(robot: Robot, way: FollowedTrack, turns: Array | float = 0.0) 
     """Return a track, shifted by turns (n,), up to where a motor leaves its range."""
     s, i = find_exit(robot, way.s, way.q + turns, way.dq)
     if s >= way.s[-1]:
-        return way
+        ended = way.ended
+        if ended is None or ended.code != march.LIMIT:
+            return way
+        return way._replace(ended=ended._replace(joint=ranges_of(robot).find(ended.joint)))
     k = max(int(np.searchsorted(way.s, s)), 1)
     return FollowedTrack(way.s[:k], way.q[:k], way.dq[:k], TrackEnd(march.LIMIT, s, 0.0, i))
 

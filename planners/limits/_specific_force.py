@@ -145,7 +145,7 @@ class SpecificForceLimit(SampledLimit):
 
     def judge(self, motion: LimitedMotion, bound: Any) -> ToolExtreme:
         """Return the proved peak value, its ratio and its time."""
-        robot = motion.robot
+        robot = motion.robot.axes
         mass, com = self._object(robot, bound)
         away = float(np.linalg.norm(robot.tool[:3, 3] + robot.tool[:3, :3] @ com))
         g = robot.gravity_magnitude

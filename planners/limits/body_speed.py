@@ -87,7 +87,8 @@ class BodySpeed(Limit):
         """Return the greatest speeds (k, c) of the capsules."""
         assert robot.shapes is not None
         out = np.empty((len(q), len(robot.shapes.capsules[0])))
-        capsule_speeds(robot.chain, robot.shapes.capsules, np.ascontiguousarray(q), np.ascontiguousarray(dq), out)
+        q, dq = np.ascontiguousarray(robot.spread(q)), np.ascontiguousarray(robot.spread(dq, 1))
+        capsule_speeds(robot.axes.chain, robot.shapes.capsules, q, dq, out)
         return out
 
     def rows(self, at: PathPoints, bound: Array) -> Array:
@@ -105,7 +106,7 @@ class BodySpeed(Limit):
 
     def judge(self, motion: LimitedMotion, bound: Array) -> ToolExtreme:
         """Return the proved greatest speed, its ratio and its time."""
-        robot = motion.robot
+        robot = motion.robot.axes
         assert robot.shapes is not None
         link, first, second, radius = robot.shapes.capsules
         unit = float(bound[0]) if self.is_given(bound) else 1.0

@@ -11,7 +11,6 @@ from optik.arm.robot import Robot
 from optik.errors import NoSolution
 from optik.types import Array
 from planners.certificate.analysis import MotionAnalysis
-from planners.certificate.bounds import MotionBounds
 from planners.certificate.torque import TorqueBounds
 from planners.following.joint_path import JointPath
 from planners.limits import MotionLimits, check_names, kind_of
@@ -123,10 +122,10 @@ def static_torque(joint_path: JointPath, bound: Array, since: float = 0.0) -> To
     Where a joint rests or reverses, as all joints do at both ends, friction counts on both sides.
     """
     along = Trajectory(scipy.interpolate.PPoly(joint_path.coefficients, joint_path.nodes))
-    bounds = MotionBounds(joint_path.robot, along)
+    motion = MotionAnalysis(joint_path.robot, along)
     begin = int(np.searchsorted(along.knots[1:-1], since, side="right"))
     pieces, knots = np.arange(begin, along.knots.size - 1), along.knots[begin:]
-    first, last = (bounds.joints_at(pieces, s) for s in (knots[:-1], knots[1:]))
+    first, last = (motion.joints_at(pieces, s) for s in (knots[:-1], knots[1:]))
     torques = TorqueBounds(joint_path.robot, knots, first, last, still=True)
     found = torques.bound_ratios(bound, rate=False, excess=STATIC_EXCESS)
     for model, ends in zip(torques.models, torques.ends, strict=True):

@@ -92,7 +92,7 @@ def wind(robot: Robot, q: Array, near: Array, slack: float = LIMIT_TOLERANCE) ->
 
 def _turns(robot: Robot) -> Flags:
     """Return the joints (n,) that have windings."""
-    return np.asarray(~robot.prismatic & (robot.limits.lower < robot.limits.upper))
+    return np.asarray(robot.turning & (robot.limits.lower < robot.limits.upper))
 
 
 def _choose_between(

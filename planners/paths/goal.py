@@ -51,7 +51,7 @@ def check_winding(value: Any) -> str:
 
 def find_continuous(robot: Robot) -> Flags:
     """Return the joints (n,) that turn without limits, also of the motors that move them."""
-    free = ~robot.prismatic & np.isinf(robot.limits.lower) & np.isinf(robot.limits.upper)
+    free = robot.turning & np.isinf(robot.limits.lower) & np.isinf(robot.limits.upper)
     if robot.motors is not None:
         limited = ~(np.isinf(robot.motors.limits.lower) & np.isinf(robot.motors.limits.upper))
         free = free & ~(np.abs(robot.motors.inverse[limited]) > 0.0).any(axis=0)

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from optik.arm.motors import maker_names
+from optik.arm.motors import ranges_of
 from optik.arm.robot import Robot
 from optik.check import format_ratio
 from optik.scene import Scene
@@ -123,9 +123,9 @@ def certify_joined(
         first, last = np.array([curve.ends(order) for order in range(3)]).swapaxes(0, 1)
         steps = np.concatenate([first[:, :1] - state[:, None], first[:, 1:] - last[:, :-1]], axis=1)
         jump[:] = np.maximum(np.abs(steps).max(axis=(1, 2)), [0.0, *np.abs(last[1:, -1]).max(axis=1)])
-    reach, limited = out[0], robot.limits
+    reach, limited = out[0], ranges_of(robot)
     if robot.motors is not None:
-        reach, limited = np.array(reach_of(robot, trajectory_of(curve))[0]), robot.motors.limits
+        reach = np.array(reach_of(robot, trajectory_of(curve))[0])
     lower, upper = reach[0] - limited.lower, limited.upper - reach[1]
     bounds, others = limits.bounds(robot.n), other_limits(limits)
     least, greatest, t_least, t_greatest = out[1:].swapaxes(0, 1)
@@ -140,7 +140,7 @@ def certify_joined(
     subjects = {name: kind_of(name).subjects(robot, bounds[name]) for name in peaks}
     free = [name.replace("_", " ") for name in (*LOADED, *TOOL_SPEEDS) if name not in others]
     return StreamCertificate(
-        maker_names(robot), curve.end, np.minimum(lower, upper), np.where(lower < upper, reach[2], reach[3]), subjects, peaks,
+        limited.names, curve.end, np.minimum(lower, upper), np.where(lower < upper, reach[2], reach[3]), subjects, peaks,
         jump,
         None if scene is None else clearance(robot, trajectory_of(curve), scene),
         ("the path of the tool", *free, *([] if scene is not None else ["contact"])),

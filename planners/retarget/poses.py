@@ -34,7 +34,7 @@ WORDS = "", "is not reached on the arm's branch", "is singular, or the joints pa
 def _approach(chain: Chain, target: Array, ranges: Array, q: Array) -> int:
     """Move a configuration q (n,) to a pose by short steps of least norm; redundant joints stay in their ranges."""
     n, spare, whole = q.size, max(q.size - 6, 0), 0.0
-    frame, T, J = workspace(n)
+    frame, T, J = workspace(chain, n)
     e, dq, A, y, start, free = np.empty(6), np.empty(n), np.empty((6, 6)), np.empty(6), q.copy(), np.ones(n)
     for _ in range(MOST_MOVES):
         p2, r2 = error_of_pose(chain, target, q, frame, T, e)

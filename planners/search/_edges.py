@@ -193,9 +193,12 @@ def _set_interval(chain: Chain, a: Array, b: Array, deviation: Array, t: float, 
     """Compute the joint motion of the interval t ± h of the segment a–b; the capsules are not located yet."""
     frame, joint, spheres, q = work[0], work[1], work[3], work[4]
     for j in range(a.shape[0]):
-        d = b[j] - a[j]
-        q[j], joint[0, j], joint[2, j] = a[j] + t * d, d, abs(d)
-        joint[1, j] = h * abs(d) + deviation[j]
+        q[j] = a[j] + t * (b[j] - a[j])
+    for i in range(frame.shape[0]):
+        j, factor = kinematics.axis_of(chain[0], i)
+        d = factor * (b[j] - a[j])
+        joint[0, i], joint[2, i] = d, abs(d)
+        joint[1, i] = h * abs(d) + abs(factor) * deviation[j]
     kinematics.frames(chain, q, frame)
     for k in range(spheres.shape[0]):
         spheres[k, 3] = -1.0

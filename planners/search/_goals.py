@@ -40,7 +40,7 @@ def list_goals(space: JointSpace, start: Array, goal: ArrayLike, winding: str) -
         raise InvalidInput("goal", repr(goal)[:60], expected) from None
     turning = find_continuous(robot) if winding == "nearest" else np.zeros(robot.n, np.bool_)
     if array.shape == (4, 4) and (robot.n != 4 or (array[3] == np.eye(4)[3]).all()):
-        found, turning = _find_configurations(space, start, se3.check_pose(array, "goal")), ~robot.prismatic
+        found, turning = _find_configurations(space, start, se3.check_pose(array, "goal")), robot.turning
     elif array.ndim not in (1, 2) or array.shape[-1] != robot.n or not len(array):
         raise InvalidInput("goal", f"shape {array.shape}", expected)
     else:

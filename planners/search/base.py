@@ -143,7 +143,7 @@ class JointSpace:
         near = ends[:2]
         lower = np.where(np.isfinite(limits.lower), limits.lower, np.minimum(near.min(axis=0) - np.pi, least))
         upper = np.where(np.isfinite(limits.upper), limits.upper, np.maximum(near.max(axis=0) + np.pi, most))
-        several = ~self.robot.prismatic & (upper - lower > MOST_TURNED)
+        several = self.robot.turning & (upper - lower > MOST_TURNED)
         lower = np.where(several, np.maximum(lower, least - 0.5 * MOST_TURNED), lower)
         return lower, np.where(several, np.minimum(upper, most + 0.5 * MOST_TURNED), upper)
 

@@ -162,10 +162,57 @@ def test_what_only_motors_out_of_range_reach_says_so() -> None:
             solver.solve(T, start) if start is outside else solver.solve_batch(T[None], start)
 
 
-def test_ranges_of_axes_follow_from_those_of_the_motors() -> None:
+def palletiser() -> optik.Robot:
+    """The motors of joints 2 and 3 have ranges, and so has the angle between both links, which is narrower."""
+    robot = arm().with_limits(lower=np.full(6, -2.0), upper=np.full(6, 2.0)).with_motors(coupled_23(), names=NAMES)
+    lower, upper = robot.limits.lower.copy(), robot.limits.upper.copy()
+    lower[2], upper[2] = 0.4, 2.3
+    return robot.with_limits(lower=lower, upper=upper)
+
+
+def test_axes_and_motors_both_have_ranges() -> None:
+    robot, rng = palletiser(), np.random.default_rng(6)
+    limits, motors, low, high = robot.limits, robot.motors, np.full(6, -2.0), np.full(6, 2.0)
+    assert limits.lower[2] == 0.4 and limits.upper[2] == 2.3 and limits.narrower.tolist() == [2]
+    q = rng.uniform(-4.5, 4.5, (20000, 6))
+    m = q @ np.linalg.inv(coupled_23()).T
+    both = ((m >= low) & (m <= high)).all(axis=1) & (q[:, 2] >= 0.4) & (q[:, 2] <= 2.3)
+    assert (limits.contains(q) == both).all() and both.any()
+    assert limits.contains(limits.middle) and np.abs(motors.of(limits.middle)).max() < 1.99
+    drawn = limits.sample(rng, 4000)
+    assert limits.contains(drawn).all() and limits.contains(limits.clip(q)).all() and (limits.clip(drawn) == drawn).all()
+    x = drawn[:, 2]
+    assert x.min() < 0.42 and x.max() > 2.2 and (x == 0.4).sum() + (x == 2.3).sum() == 0  # not gathered at the ends
+    assert optik.Robot.from_dict(json.loads(json.dumps(robot.to_dict()))) == robot
+    for T in robot.fk(drawn[:20]):
+        found = optik.solve_ik(robot, T, limits.middle)
+        assert not found or limits.contains(found.q)
+
+
+def test_ranges_without_a_common_configuration_are_refused() -> None:
+    robot = palletiser()
+    lower, upper = robot.limits.lower.copy(), robot.limits.upper.copy()
+    lower[2], upper[2] = 3.9, 4.0  # a corner of the motors' ranges
+    narrow = robot.with_limits(lower=lower, upper=upper).limits
+    assert narrow.contains(narrow.middle) and narrow.contains(narrow.sample(np.random.default_rng(0), 50)).all()
+    lower[1] = 0.0  # joint 2 above 0 leaves at most 2 rad to joint 3
+    for ends in ({"lower": lower}, {"lower": np.full(6, 5.0), "upper": np.full(6, 6.0)}):
+        with pytest.raises(InvalidInput, match="limits"):
+            robot.with_limits(**({"upper": upper} | ends))
+
+
+def test_a_toml_file_has_ranges_of_axes_beside_those_of_the_motors(tmp_path: Path) -> None:
+    text = (Path(optik.__file__).parent / "robots" / "ur5.toml").read_text(encoding="utf-8")
+    rows, ends = [[float(x) for x in row] for row in coupled_23()], [360.0] * 6
+    ends[2] = 80.0
+    file = tmp_path / "coupled.toml"
+    file.write_text(f"{text}\n[motors]\nmatrix = {rows}\nupper_deg = {ends}\n", encoding="utf-8")
+    limits = optik.load(file).limits
+    assert limits.upper[2] == pytest.approx(np.deg2rad(80.0)) and limits.narrower.tolist() == [2]
+
+
+def test_limits_of_an_arm_with_motors_are_kept() -> None:
     robot = arm().with_motors(wrist(), names=NAMES)
-    with pytest.raises(InvalidInput, match="ranges of the motors"):
-        robot.with_limits(lower=robot.limits.lower + 0.1)
     assert robot.with_limits(velocity=1.0).limits.contains(robot.limits.middle)
     plain = robot.with_limits(robot.limits)
     assert plain == robot

@@ -417,10 +417,10 @@ BAD_ARMS = {
     "floating": (one("", "floating"), {}, "joint 'j0': type 'floating', expected fixed, revolute"),
     "planar": (one("", "planar"), {}, "type 'planar'"),
     "no type": (one("", ""), {}, "type ''"),
-    "mimic": (
-        arm(joint(0), joint(1, inside=LIMIT + '<mimic joint="j0" multiplier="-1"/>'), links=3),
+    "a mimic of nobody": (
+        arm(joint(0), joint(1, inside=LIMIT + '<mimic joint="j9" multiplier="-1"/>'), links=3),
         {},
-        "joint 'j1': follows joint 'j0' (<mimic>)",
+        "joint 'j1': follows joint 'j9', which does not exist",
     ),
     "no limit": (one(""), {}, "joint 'j0': no <limit>, which URDF requires of a revolute joint"),
     "a slide without limit": (one("", "prismatic"), {}, "requires of a prismatic joint"),

@@ -24,8 +24,8 @@ def find_always_touching(arm: ArmModel) -> list[tuple[str, str]]:
     assert arm.shapes is not None
     link, a, b, radius = arm.shapes.capsules
     q = arm.limits.sample(np.random.default_rng(0), CONTACT_CONFIGURATIONS)
-    T = np.tile(np.eye(4), (len(q), arm.n + 2, 1, 1))
-    frames = np.empty((len(q), arm.n + 1, 4, 4))
+    T = np.tile(np.eye(4), (len(q), len(arm.fixed) + 2, 1, 1))
+    frames = np.empty((len(q), len(arm.fixed) + 1, 4, 4))
     kinematics.frames_batch(arm.chain, q, frames)
     T[:, 1:] = frames
     T = T[:, link].swapaxes(0, 1)  # of each capsule in each configuration

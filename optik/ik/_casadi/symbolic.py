@@ -39,21 +39,24 @@ def build_model(robot: Robot) -> Model:
     """Build the model of a robot as the product of its transforms, without their zeros."""
     q, target = ca.SX.sym("q", robot.n), ca.SX.sym("target", 12)
     p, R = ca.SX.zeros(3), ca.SX.eye(3)
+    arm, follow = robot.axes, robot.linkage
+    x = q if follow is None else ca.mtimes(ca.DM(follow.matrix), q) + ca.DM(follow.offset)
     axes = []
-    for i in range(robot.n):
-        p, R = _attach(p, R, robot.fixed[i])
-        if robot.prismatic[i]:
-            p = p + q[i] * R[:, 2]
+    for i in range(arm.n):
+        p, R = _attach(p, R, arm.fixed[i])
+        if arm.prismatic[i]:
+            p = p + x[i] * R[:, 2]
         else:
-            c, s = ca.cos(q[i]), ca.sin(q[i])
+            c, s = ca.cos(x[i]), ca.sin(x[i])
             R = ca.horzcat(c * R[:, 0] + s * R[:, 1], c * R[:, 1] - s * R[:, 0], R[:, 2])
         axes.append((p, R[:, 2]))
     p, R = _attach(p, R, robot.tool)
     columns = [
         ca.vertcat(z, ca.SX.zeros(3)) if slides else ca.vertcat(ca.cross(z, p - o), z)
-        for (o, z), slides in zip(axes, robot.prismatic, strict=True)
+        for (o, z), slides in zip(axes, arm.prismatic, strict=True)
     ]
-    return Model(q, target, ca.densify(p), ca.densify(R), ca.densify(ca.horzcat(*columns)))
+    J = ca.horzcat(*columns) if follow is None else ca.mtimes(ca.horzcat(*columns), ca.DM(follow.matrix))
+    return Model(q, target, ca.densify(p), ca.densify(R), ca.densify(J))
 
 
 def pose_parameters(target: Array, out: Array) -> None:

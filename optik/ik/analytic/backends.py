@@ -57,6 +57,8 @@ class Backend:
     """Closed form of another package, built for a robot."""
 
     def __init__(self, name: str, robot: Robot) -> None:
+        if robot.linkage is not None:
+            raise BackendError("a linkage")
         self.name = name
         self._axes = Axes.from_robot(robot)
         self._inverse_tool_rotation = pose(self._axes.R0.T)
@@ -103,7 +105,7 @@ class Backend:
 
 def build_backend(name: str, robot: Robot) -> Backend | None:
     """Return the named backend, for ``"auto"`` the first that is installed and supports the arm, None for enumeration."""
-    if name == "enumeration":
+    if name == "enumeration" or (name == "auto" and robot.linkage is not None):
         return None
     if name != "auto":
         try:

@@ -59,7 +59,7 @@ def windings(
 def _find_turns(robot: Robot, i: int, x: float, near: float, slack: float) -> list[float]:
     """Return the values x + 2πk of joint i inside its limits, nearest to `near` first."""
     turn, low, high = 2.0 * pi, robot.limits.lower[i] - slack, robot.limits.upper[i] + slack
-    if robot.prismatic[i] or robot.limits.lower[i] == robot.limits.upper[i]:
+    if not robot.turning[i] or robot.limits.lower[i] == robot.limits.upper[i]:
         return [x] if low <= x <= high else []
     first, last = np.ceil((low - x) / turn), np.floor((high - x) / turn)
     if np.isinf(low) or np.isinf(high):
@@ -71,7 +71,7 @@ def _find_turns(robot: Robot, i: int, x: float, near: float, slack: float) -> li
 def has_too_many_windings(robot: Robot) -> bool:
     """Return whether `windings` omits some windings of this arm."""
     limits = robot.limits
-    ends = np.isfinite(limits.lower) & np.isfinite(limits.upper) & ~robot.prismatic
+    ends = np.isfinite(limits.lower) & np.isfinite(limits.upper) & robot.turning
     return bool(np.prod(np.floor((limits.upper - limits.lower)[ends] / (2.0 * pi)) + 1.0) > MOST_WINDINGS)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from optik.compiled import compiled
 from optik.ik._gauss_newton import descend_inside
-from optik.kinematics import Chain, Range, error_of_pose, forward, jacobian_from, workspace
+from optik.kinematics import Chain, Range, error_of_pose, forward, jacobian_from, turns, workspace
 from optik.linear import cholesky_solve, copy_vector
 from optik.newton import GAIN, LEAST_DAMPING
 from optik.task import POSE
@@ -46,7 +46,7 @@ def refine(chain: Chain, bounds: Range, target: Array, steps: int, q: Array) -> 
 
     Returns the number of steps, and the position and rotation errors left [m, rad].
     """
-    frame, T, _ = workspace(q.shape[0])
+    frame, T, _ = workspace(chain, q.shape[0])
     p2, r2 = error_of_pose(chain, target, q, frame, T, np.empty(6))
     if p2 + r2 < NEAR_ROOT * NEAR_ROOT:
         return 0, sqrt(p2), sqrt(r2)
@@ -56,10 +56,9 @@ def refine(chain: Chain, bounds: Range, target: Array, steps: int, q: Array) -> 
 @compiled
 def is_same_root(chain: Chain, a: Array, b: Array) -> bool:
     """Return whether two configurations are equal up to 2π-multiples: a, b (n,) [rad, m]."""
-    _fixed, prismatic, _tool = chain
     for i in range(a.shape[0]):
         d = a[i] - b[i]
-        if not prismatic[i]:
+        if turns(chain, i):
             d -= 2.0 * pi * floor(d / (2.0 * pi) + 0.5)
         if not abs(d) < SAME_ROOT:
             return False
@@ -73,7 +72,7 @@ def is_singular(chain: Chain, bounds: Range, q: Array) -> bool:
     Shapes and units: q (n,) [rad, m].
     """
     n, (low, high) = q.shape[0], bounds
-    (frame, T, J), A, y = workspace(n), np.empty((n, n)), np.zeros(n)
+    (frame, T, J), A, y = workspace(chain, n), np.empty((n, n)), np.zeros(n)
     forward(chain, q, frame, T)
     jacobian_from(chain, frame, T, J)
     for i in range(n):
@@ -94,13 +93,13 @@ def add_root(chain: Chain, bounds: Range, q: Array, roots: Array, count: int) ->
 
     Shapes and units: q (n,) [rad, m], roots (k, n) [rad, m] (overwritten).
     """
-    (_fixed, prismatic, _tool), (low, high) = chain, bounds
+    low, high = bounds
     for k in range(count):
         if is_same_root(chain, q, roots[k]):
             return False
     for i in range(q.shape[0]):
         x = q[i]
-        if not prismatic[i] and low[i] < high[i]:
+        if turns(chain, i) and low[i] < high[i]:
             x -= 2.0 * pi * floor(x / (2.0 * pi) + 0.5)
         roots[count, i] = x
     return True
@@ -176,14 +175,14 @@ def choose_nearest(chain: Chain, limits: Range, roots: Array, q0: Array, q: Arra
 
     Shapes and units: roots (k, n) [rad, m], q0 (n,) [rad, m], q (n,) [rad, m] (overwritten).
     """
-    (_fixed, prismatic, _tool), (lower, upper) = chain, limits
+    lower, upper = limits
     turn, x = 2.0 * pi, np.empty(q.shape[0])
     least, least_out, close = np.inf, np.inf, False
     for k in range(roots.shape[0]):
         distance, out = 0.0, 0.0
         for i in range(q.shape[0]):
             v = roots[k, i]
-            if not prismatic[i] and lower[i] < upper[i]:
+            if turns(chain, i) and lower[i] < upper[i]:
                 v += turn * floor((q0[i] - v) / turn + 0.5)
                 off = max(lower[i] - v, v - upper[i])
                 close = close or 0.0 < off < LIMIT_BAND

@@ -54,6 +54,7 @@ def extend(robot: Robot, freedoms: tuple[tuple[Freedom, Bounds], ...]) -> Robot:
         robot, motors=None, name="+".join([robot.name, *labels]), fixed=np.concatenate([robot.fixed, fixed]),
         prismatic=np.append(robot.prismatic, prismatic), tool=tool, limits=wide, payload=None,
         joint_names=(*robot.joint_names, *names), inertia=_carry(robot, d),
+        linkage=robot.linkage and robot.linkage.append(prismatic, names),
     )  # fmt: skip
 
 

@@ -85,7 +85,7 @@ class Sampler:
         self._solver = make_solver(single, "lm", max_restarts=2)
         poses = path.pose(SEED_STATIONS * path.end).round(6) + 0.0
         self.rng = np.random.default_rng([int(arm.fingerprint, 16), zlib.crc32(poses.tobytes())])
-        self.circle: Flags = ~arm.prismatic & (limits.upper - limits.lower > CIRCLE_RANGE) & (own.motors is None)
+        self.circle: Flags = arm.turning & (limits.upper - limits.lower > CIRCLE_RANGE) & (own.motors is None)
         self._low = np.where(self.circle | np.isinf(limits.lower), -np.pi, limits.lower)
         self._high = np.where(self.circle | np.isinf(limits.upper), np.pi, limits.upper)
         low, high = (np.where(self.circle, x, y)[own.n :] for x, y in ((-np.inf, limits.lower), (np.inf, limits.upper)))
