@@ -273,12 +273,15 @@ def shapes_to_dict(shapes: Shapes) -> dict[str, Any]:
     columns[4] = [None if e != e else e for e in columns[4]]
     words_ = (list(shapes.names), [list(pair) for pair in shapes.apart], shapes.source)
     unread = {"unread": [list(pair) for pair in shapes.unread]} if shapes.unread else {}
-    return dict(zip(SHAPES_KEYS, (*columns, *words_), strict=True)) | unread
+    rows = [
+        [[h.corners.tolist(), h.radius, None if h.excess != h.excess else h.excess] for h in of] for of in shapes.hulls
+    ]
+    return dict(zip(SHAPES_KEYS, (*columns, *words_), strict=True)) | unread | ({"hulls": rows} if rows else {})
 
 
 def shapes_from_dict(data: Any) -> Shapes:
     """Read shapes from plain data."""
-    data = read_record(data, SHAPES_KEYS, "robot.shapes", optional=("unread",))
+    data = read_record(data, SHAPES_KEYS, "robot.shapes", optional=("unread", "hulls"))
     links = read_list(data["link"], "robot.shapes.link", "a list of numbers of links")
     m = len(links)
     a, b = (read_numbers(data[k], (m, 3), f"robot.shapes.{k}") for k in ("a", "b"))
@@ -290,7 +293,7 @@ def shapes_from_dict(data: Any) -> Shapes:
     source = read_word(data["source"], "robot.shapes.source")
     pairs = read_list(data.get("unread", []), "robot.shapes.unread")
     unread = [read_words(pair, "robot.shapes.unread") for pair in pairs]
-    return Shapes(capsules, names, data["apart"], np.array(stated), source, unread)  # type: ignore[arg-type]
+    return Shapes(capsules, names, data["apart"], np.array(stated), source, unread, data.get("hulls", ()))  # type: ignore[arg-type]
 
 
 def describe_difference(a: ArmModel, b: ArmModel) -> str:

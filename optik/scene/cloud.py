@@ -63,10 +63,15 @@ def _divide(points: Array, count: int) -> list[Array]:
     return parts
 
 
+def divide_cloud(points: Array) -> list[Array]:
+    """Return the points of each part of a cloud."""
+    return _divide(points, count_parts(len(points)))
+
+
 def pack_cloud(points: Array, radius: float) -> list[tuple[Array, Array]]:
     """Return for each part the rows of its leaves, and its low and high corners (points only) and radius."""
     packed = []
-    for part in _divide(points, count_parts(len(points))):
+    for part in divide_cloud(points):
         leaves = _divide(part, _count_halves(len(part), SOLID_WIDTH))
         rows = np.zeros((len(leaves), LEAF_ROWS, SOLID_WIDTH))
         for row, leaf in zip(rows, leaves, strict=True):

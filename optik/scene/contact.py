@@ -13,11 +13,14 @@ from numpy.typing import ArrayLike
 
 from optik import kinematics
 from optik.arm.shapes.check import Capsules
+from optik.arm.shapes.enclosure import CORNERS, Hull
+from optik.arm.shapes.hull_distance import Hulls, nearest_hulls
+from optik.arm.shapes.hulls import enclose_disc, list_balls, list_hulls, pack_hulls
 from optik.arm.shapes.model import PAYLOAD
 from optik.compiled import compiled, inlined
 from optik.errors import InvalidInput
 from optik.kinematics import Chain, Triple
-from optik.scene.cloud import count_parts, segment_cloud
+from optik.scene.cloud import count_parts, divide_cloud, segment_cloud
 from optik.scene.distance import (
     DISTANCE_ROUNDING,
     NearestPoint,
@@ -31,6 +34,7 @@ from optik.types import Array, Indices
 
 if TYPE_CHECKING:
     from optik.arm.robot import Robot
+    from optik.arm.shapes.model import Shapes
     from optik.scene import Scene
 
 BOX, ROUND, PLANE, SELF, CYLINDER, MESH, CLOUD = 0, 1, 2, 3, 4, 5, 6
@@ -39,19 +43,22 @@ part of a cloud, numbered after the meshes."""
 Objects = tuple[Array, Array, Array, Array, Array, Array, Array]
 """A scene as kernels take it, `optik.Scene.arrays`: box_pose (b, 4, 4), box_half (b, 3), capsule_a, capsule_b (c, 3),
 capsule_radius (c,), planes (p, 6), and `pack_solids` [m, 1]."""
-Bodies = tuple[Capsules, Objects, Indices]
-"""The capsules of an arm, the scene, and the checked pairs (k, 3): capsule, number of the second body among those of its
-kind, and that kind. Of two capsules of the arm the first is on the later link."""
+Bodies = tuple[Capsules, Objects, Indices, Hulls]
+"""The capsules of an arm, the scene, the checked pairs (k, 3): capsule, number of the second body among those of its kind, and
+that kind; and the hulls of both. Of two capsules of the arm the first is on the later link."""
+HULLS_FROM = 0.01
+"""Room of capsules [m] up to which the hulls decide: above 0, so that the room has no steps where capsules begin to touch."""
 ALLOWED, STILL = "allowed by the scene", "neither moves"
 """Reasons why a capsule and an object are not checked."""
 
 
 class Pairs(NamedTuple):
-    """Pairs of shapes that are checked, as in `Bodies`, their names, and the pairs left out with the reasons."""
+    """Pairs of shapes that are checked, as in `Bodies`, their names, the pairs left out with the reasons, and the hulls."""
 
     bodies: Indices
     names: tuple[tuple[str, str], ...]
     left_out: tuple[tuple[str, str, str], ...]
+    hulls: Hulls
 
 
 @lru_cache(maxsize=16)
@@ -77,7 +84,27 @@ def find_pairs(robot: Robot, scene: Scene) -> Pairs:
     left |= {(shapes.names[k], scene.names[j]): ALLOWED for k, j in np.argwhere(~examined).tolist() if link[k]}
     left_out = (*((*pair, why) for pair, why in left.items()), *shapes.left_out)
     bodies = np.array([(k, *kinds[j]) for k, j in met] + own, np.int64).reshape(-1, 3)
-    return Pairs(bodies, tuple(names), left_out)
+    return Pairs(bodies, tuple(names), left_out, _find_hulls(shapes, scene))
+
+
+def _find_hulls(shapes: Shapes, scene: Scene) -> Hulls:
+    """Return the hulls of an arm and of the objects around it; none for an arm without hulls."""
+    if not shapes.hulls:
+        return pack_hulls([], np.zeros(7, np.int64))
+    pose, half, a, b, radius, _planes, solids = scene.arrays
+    boxes = [(2.0 * CORNERS * h) @ T[:3, :3].T + T[:3, 3] for T, h in zip(pose, half, strict=True)]
+    found = {BOX: [list_hulls([Hull(corners, 0.0)]) for corners in boxes]}
+    found[ROUND] = [list_hulls([Hull(np.array(row[:2]), row[2])]) for row in zip(a, b, radius, strict=True)]
+    found[CYLINDER] = [
+        list_hulls([enclose_disc(row[16], 2.0 * row[17])[0].hulls[0].transform(row[:16].reshape(4, 4))])
+        for row in solids[: len(scene.cylinders)]
+    ]
+    found[MESH] = [list_hulls([Hull(corners, 0.0)]) for corners in scene.meshes]
+    found[CLOUD] = [list_balls(part, r) for points, r in scene.clouds for part in divide_cloud(points)]
+    own, kinds = shapes.list_bodies(), np.zeros(7, np.int64)
+    kinds[list(found)] = len(own) + np.append(0, np.cumsum([len(of) for of in found.values()]))[:-1]
+    kinds[CLOUD] = kinds[MESH]  # parts of clouds are numbered after the meshes
+    return pack_hulls([*own, *((0, one) for of in found.values() for one in of)], kinds)
 
 
 def scene_for(robot: Robot, scene: Scene | None, arms: Iterable[Robot]) -> Scene | None:
@@ -112,13 +139,18 @@ class Contact(NamedTuple):
     pair: tuple[str, str]
 
 
-def find_nearest_pairs(robot: Robot, scene: Scene, q: ArrayLike) -> tuple[Array, Indices]:
-    """Return the least room of an arm at configurations (k,) [m], and the index of the pair (−1 for none)."""
+def bodies_of(robot: Robot, scene: Scene) -> Bodies:
+    """Return the shapes of an arm and a scene, and the pairs that are checked, as arguments of kernels."""
     pairs = find_pairs(robot, scene)
     assert robot.shapes is not None
+    return robot.shapes.capsules, scene.arrays, pairs.bodies, pairs.hulls
+
+
+def find_nearest_pairs(robot: Robot, scene: Scene, q: ArrayLike) -> tuple[Array, Indices]:
+    """Return the least room of an arm at configurations (k,) [m], and the index of the pair (−1 for none)."""
     at = np.ascontiguousarray(robot.spread(robot.configuration(q, batch=True))).reshape(-1, len(robot.fixed))
     room, which = np.empty(len(at)), np.empty(len(at), np.int64)
-    rooms_batch(robot.axes.chain, (robot.shapes.capsules, scene.arrays, pairs.bodies), at, scene.margin, room, which)
+    rooms_batch(robot.axes.chain, bodies_of(robot, scene), at, scene.margin, room, which)
     return room, which
 
 
@@ -128,12 +160,11 @@ def find_clearances(robot: Robot, scene: Scene, q: ArrayLike) -> tuple[Array, In
     Returns distances (k, 2) [m], without the margin of the scene and infinite without a pair, and the indices of the pairs
     (k, 2) among those of `find_pairs`, −1 for none.
     """
-    bodies = find_pairs(robot, scene).bodies
-    assert robot.shapes is not None
+    capsules, arrays, bodies, hulls = bodies_of(robot, scene)
     at = np.ascontiguousarray(robot.spread(robot.configuration(q, batch=True))).reshape(-1, len(robot.fixed))
     distance, which = np.empty((2, len(at))), np.empty((2, len(at)), np.int64)
     for row, of in enumerate((bodies[:, 2] != SELF, bodies[:, 2] == SELF)):
-        shapes = (robot.shapes.capsules, scene.arrays, bodies[of])
+        shapes = (capsules, arrays, bodies[of], hulls)
         rooms_batch(robot.axes.chain, shapes, at, 0.0, distance[row], which[row])
         which[row] = np.append(np.flatnonzero(of), -1)[which[row]]
     return distance.T, which.T
@@ -263,12 +294,35 @@ def bound_distance(middle: Triple, half: float, kind: int, i: int, scene: Object
 
 
 @compiled
+def refine(pair: tuple[int, int, int], scene: Objects, hulls: Hulls, frame: Array) -> tuple[float, Triple, Triple]:
+    """Return a lower bound on the distance of the bodies of a pair by their hulls, less radii; see `nearest_hulls`.
+
+    At most 0 in contact. Only a plane is no hull: the least height of the corners over it is the distance.
+
+    Shapes and units: frame (n, 4, 4) [1, m]. Returns [m, 1, m].
+    """
+    k, i, kind = pair
+    if kind != PLANE:
+        return nearest_hulls(k, i + (hulls[3][kind] if kind != SELF else 0), hulls, frame)
+    index, heads, corners, _kinds = hulls
+    n, best, point = (scene[5][i, 3], scene[5][i, 4], scene[5][i, 5]), np.inf, (0.0, 0.0, 0.0)
+    for head in range(index[k, 0], index[k + 1, 0]):
+        for c in range(int(heads[head, 0]), int(heads[head, 1])):
+            p = transform_point(frame, index[k, 1], read_row(corners, c))
+            x, y, z = p[0] - scene[5][i, 0], p[1] - scene[5][i, 1], p[2] - scene[5][i, 2]
+            height = n[0] * x + n[1] * y + n[2] * z - heads[head, 6]
+            if height < best:
+                best, point = height, p
+    return best, n, point
+
+
+@compiled
 def rooms_batch(chain: Chain, bodies: Bodies, q: Array, margin: float, room: Array, which: Indices) -> None:
     """Write the least room at configurations and the index of its pair.
 
     Shapes and units: q (k, n) [rad, m], margin [m], room (k,) [m], which (k,).
     """
-    (link, a, b, radius), scene, pairs = bodies
+    (link, a, b, radius), scene, pairs, hulls = bodies
     frame, places, spheres = np.empty((q.shape[1], 4, 4)), np.empty((link.shape[0], 2, 3)), np.empty((link.shape[0], 4))
     for k in range(q.shape[0]):
         kinematics.frames(chain, q[k], frame)
@@ -286,5 +340,9 @@ def rooms_batch(chain: Chain, bodies: Bodies, q: Array, margin: float, room: Arr
             if bound > 0.0 and bound - DISTANCE_ROUNDING - thick > room[k]:
                 continue
             found = find_nearest((m, i, kind), scene, places)[0] - thick
+            if found <= HULLS_FROM and hulls[0].shape[0] > 0:
+                finer = refine((m, i, kind), scene, hulls, frame)[0]
+                if finer > 0.0:
+                    found = max(found, finer - (margin if kind != SELF else 0.0))
             if found < room[k]:
                 room[k], which[k] = found, p

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from optik.arm.limits import freeze
+from optik.arm.shapes.hull_distance import reduce_simplex
 from optik.check import format_value, real_array
 from optik.compiled import compiled
 from optik.errors import InvalidInput
@@ -139,66 +140,6 @@ def pack_solids(cylinders: list[Array], meshes: tuple[Array, ...], parts: list[t
 
 
 @compiled
-def _affine_minimum(points: Array, count: int, shares: Array) -> bool:
-    """Compute the affine combination of points (count, 3) that is nearest to the origin; False if they are dependent."""
-    A, x, k = np.empty((3, 3)), np.empty(3), count - 1
-    for i in range(k):
-        for j in range(k):
-            A[i, j] = 0.0
-            for c in range(3):
-                A[i, j] += (points[i + 1, c] - points[0, c]) * (points[j + 1, c] - points[0, c])
-        x[i] = 0.0
-        for c in range(3):
-            x[i] -= (points[i + 1, c] - points[0, c]) * points[0, c]
-    for i in range(k):  # Cholesky's factor below the diagonal, and forward substitution
-        for j in range(i + 1):
-            for m in range(j):
-                A[i, j] -= A[i, m] * A[j, m]
-            if j < i:
-                A[i, j] /= A[j, j]
-        if not A[i, i] > 0.0:
-            return False
-        A[i, i] = sqrt(A[i, i])
-        for m in range(i):
-            x[i] -= A[i, m] * x[m]
-        x[i] /= A[i, i]
-    shares[0] = 1.0
-    for i in range(k - 1, -1, -1):
-        for m in range(i + 1, k):
-            x[i] -= A[m, i] * x[m]
-        x[i] /= A[i, i]
-        shares[i + 1] = x[i]
-        shares[0] -= x[i]
-    return True
-
-
-@compiled
-def _reduce(points: Array, at: Array, shares: Array, count: int) -> int:
-    """Move to the point of the simplex that is nearest to the origin, and drop the corners that it does not need.
-
-    points (4, 3) and at (4,), the positions on the segment, are reordered; shares (4,) of the point before, the last one 0.
-    Returns the number of corners; 0 if they are dependent.
-    """
-    new = np.empty(4)
-    while True:
-        if not _affine_minimum(points, count, new):
-            return 0
-        step = 1.0
-        for i in range(count):
-            if new[i] <= 0.0 and shares[i] - new[i] > 0.0:
-                step = min(step, shares[i] / (shares[i] - new[i]))
-        kept = 0
-        for i in range(count):
-            left = shares[i] + step * (new[i] - shares[i])
-            if new[i] > 0.0 or (step < 1.0 and left > 1e-15):
-                points[kept], at[kept], shares[kept] = points[i], at[i], left
-                kept += 1
-        if step == 1.0 or kept == count or kept == 0:
-            return kept
-        count = kept
-
-
-@compiled
 def _mesh_depth(p: Triple, d: Triple, faces: Array, edges: Array) -> NearestPoint:
     """Return the penetration depth of the segment from p along d, its position and its direction; at most 0 if apart."""
     best, place, normal = np.inf, 0.0, (0.0, 0.0, 1.0)
@@ -249,7 +190,7 @@ def segment_mesh(a: Triple, b: Triple, corners: Array, faces: Array, edges: Arra
             break
         points[count, 0], points[count, 1] = end[0] - corners[which, 0], end[1] - corners[which, 1]
         points[count, 2], at[count], shares[count] = end[2] - corners[which, 2], 0.0 if first <= last else 1.0, 0.0
-        count = _reduce(points, at, shares, count + 1)
+        count = reduce_simplex(points, at, shares, count + 1)
         x, y, z, s = 0.0, 0.0, 0.0, 0.0
         for i in range(count):
             x, y, z = x + shares[i] * points[i, 0], y + shares[i] * points[i, 1], z + shares[i] * points[i, 2]

@@ -9,7 +9,7 @@ import numpy as np
 
 from optik.arm.robot import Robot
 from optik.scene import Scene
-from optik.scene.contact import check_scene, find_pairs
+from optik.scene.contact import bodies_of, check_scene, find_pairs
 from optik.types import Flags
 from planners.certificate.bounds import NARROWEST_SHARE, axes_motion
 from planners.certificate.clearance_search import search
@@ -145,6 +145,11 @@ def clearance(robot: Robot, trajectory: Trajectory, scene: Scene) -> Clearance:
       move e within the interval. This follows from e = p + R(q) e', e' in the frame behind the joint, differentiated twice. A
       sliding joint adds V and A. The bound needs continuous velocities.
 
+    Where capsules come within `optik.scene.contact.HULLS_FROM` of contact, the hulls of the same parts count, if the arm has
+    any: D is then their distance, and only the first bound holds. A point of a hull is within the radius ρ of the capsule of a
+    point e of its axis, so that both joint by joint as above it moves by at most |e(t) − e(m)| + ρ Σ R, over the joints that
+    turn it.
+
     For two capsules of the arm only the joints between their links count, seen from the inner link. R, V and A are the exact
     extrema of the polynomials, or within one polynomial their Taylor sums from m where those are less. An interval whose bound
     is not close to the least distance found so far is halved, at a knot first. Distances are exact but for rounding, which is
@@ -152,13 +157,11 @@ def clearance(robot: Robot, trajectory: Trajectory, scene: Scene) -> Clearance:
     before it Schwarzer, Saha and Latombe 2005) and conservative advancement (Mirtich 2000).
     """
     check_scene(robot, scene)
-    assert robot.shapes is not None
-    pairs = find_pairs(robot, scene)
-    axes = axes_motion(robot, trajectory)
+    pairs, bodies, axes = find_pairs(robot, scene), bodies_of(robot, scene), axes_motion(robot, trajectory)
     motion = (axes.padded, axes.knots, axes.piece_ranges, _is_continuous(axes))
     wanted = (scene.margin, *CLOSE, NARROWEST_SHARE * trajectory.duration, MOST_INTERVALS)
     least = np.empty((2, 4))
-    search(robot.axes.chain, (robot.shapes.capsules, scene.arrays, pairs.bodies), motion, wanted, least)
+    search(robot.axes.chain, bodies, motion, wanted, least)
     touched = least[0, 0] <= scene.margin or least[1, 0] <= 0.0
     kinds: list[Closest | None] = []
     for found, t, value, pair in least.tolist():

@@ -7,10 +7,12 @@ from math import sqrt
 import numpy as np
 
 from optik import kinematics
+from optik.arm.shapes.hull_distance import Hulls
 from optik.compiled import compiled, inlined
 from optik.kinematics import Chain
 from optik.scene.contact import (
     CLOUD,
+    HULLS_FROM,
     ROUND,
     SELF,
     Bodies,
@@ -20,6 +22,7 @@ from optik.scene.contact import (
     length_between,
     middle_of,
     read_row,
+    refine,
     transform_point,
 )
 from optik.scene.distance import DISTANCE_ROUNDING, NearestPoint
@@ -91,6 +94,16 @@ def locate_capsule(
     spheres[k, 3] = 0.5 * length_between(a, b)
 
 
+@inlined
+def turn_between(joint: Array, prismatic: Flags, base: int, link: int) -> float:
+    """Return how far a link turns relative to another before it, at most: `joint` of `_locate_end`."""
+    most = 0.0
+    for j in range(base, link):
+        if not prismatic[j]:
+            most += joint[1, j]
+    return most
+
+
 @compiled
 def _bound_joints(
     motion: Polynomials, first: int, last: int, span: Array, D: Array, joint: Array
@@ -154,24 +167,29 @@ def _target(found: float, own: int, wanted: SearchOptions) -> float:
 @inlined
 def _judge(
     pair: tuple[int, int, int, int], thick: float, scene: Objects, moved: EndMotion, shift: float,
-    interval: tuple[float, float, bool], least: Array,
+    interval: tuple[float, float, bool], least: Array, finer: tuple[Hulls, Array, float, float],
 ) -> float:  # fmt: skip
     """Return a lower bound on the distance of a pair (capsule, body, kind, base link) over an interval.
 
     thick: radii and rounding. interval: middle, half length, and whether it is smooth. least (4,): least distance found of this
-    kind, its time, the lowest bound and the pair; updated with the distance at the middle.
+    kind, its time, the lowest bound and the pair; updated with the distance at the middle. finer: hulls, the frames of the
+    links, the displacement of hulls by turning about the axis, and the distance of capsules from which hulls count.
 
     Returns [m].
     """
     k, i, kind, base = pair
     near = find_nearest((k, i, kind), scene, moved[0])
-    distance = near[0] - (thick - DISTANCE_ROUNDING)
+    distance, closer = near[0] - (thick - DISTANCE_ROUNDING), -np.inf
+    if distance <= finer[3] and finer[0][0].shape[0] > 0:
+        found = refine((k, i, kind), scene, finer[0], finer[1])[0]
+        if found > 0.0:
+            distance, closer = max(distance, found), found - DISTANCE_ROUNDING - shift - finer[2]
     if distance < least[0]:
         least[0], least[1] = distance, interval[0]
     bound = near[0] - shift
     if interval[2] and near[0] > 0.0 and kind != CLOUD:  # a cloud is not convex: no plane separates it
         bound = max(bound, _plane_distance(near, moved, k, base, interval[1]))
-    return bound - thick
+    return max(bound - thick, closer)
 
 
 @compiled
@@ -199,7 +217,7 @@ def _judge_level(
 
     Returns start and number (k, 2) of the remaining pairs of each interval.
     """
-    (link, ends_a, ends_b, radius), scene, pairs = bodies
+    (link, ends_a, ends_b, radius), scene, pairs, hulls = bodies
     count, n = link.shape[0], chain[1].shape[0]
     away = np.empty((count, 2, n + 1))
     moved = (np.empty((count, 2, 3)), np.empty((count, 2, n + 1, 3)), away, np.empty_like(away))
@@ -229,7 +247,11 @@ def _judge_level(
                 rough = bound_distance(read_row(spheres, k), spheres[k, 3], kind, i, scene, spheres) - shift - thick
                 if rough < _target(least[own, 0], own, wanted):
                     before, interval = least[own, 0], (0.5 * (nodes[0][node, 0] + nodes[0][node, 1]), h, smooth)
-                    judged = _judge((k, i, kind, base), thick, scene, moved, shift, interval, least[own])
+                    spin = 0.0
+                    if hulls[0].shape[0] > 0:
+                        spin = (radius[k] + DISTANCE_ROUNDING) * turn_between(joint, chain[1], base, link[k])
+                    finer = (hulls, frame, spin, HULLS_FROM + (wanted[0] if own == 0 else 0.0))
+                    judged = _judge((k, i, kind, base), thick, scene, moved, shift, interval, least[own], finer)
                     rough = max(rough, judged)
                     if least[own, 0] < before:
                         least[own, 3] = which

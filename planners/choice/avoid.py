@@ -9,10 +9,10 @@ import numpy as np
 
 from optik.arm.robot import Robot
 from optik.scene import Scene
-from optik.scene.contact import find_pairs
+from optik.scene.contact import bodies_of, find_pairs
 from optik.types import Array, Indices
 from planners.choice.choose import Choice, ChoiceReport, FreedomResult, P, Timed, report
-from planners.choice.clearances import ClearanceLimits, NearPairs, bodies_of, pair_rooms
+from planners.choice.clearances import ClearanceLimits, NearPairs, pair_rooms
 from planners.choice.columns import joint_changes
 from planners.choice.programme import FreeProgramme
 from planners.choice.solve import solve

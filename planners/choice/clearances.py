@@ -10,15 +10,17 @@ from optik.compiled import compiled
 from optik.kinematics import Chain
 from optik.scene import Scene
 from optik.scene.contact import (
+    HULLS_FROM,
     ROUND,
     SELF,
     Bodies,
+    bodies_of,
     bound_distance,
     find_nearest,
-    find_pairs,
     length_between,
     middle_of,
     read_row,
+    refine,
     transform_point,
 )
 from optik.types import Array, Flags, Indices
@@ -140,12 +142,6 @@ class ClearanceLimits(Statics):
         columns[:, :, : part.shape[2] * D] = part.reshape(*part.shape[:2], part.shape[2] * D)
 
 
-def bodies_of(robot: Robot, scene: Scene) -> Bodies:
-    """Return the shapes of an arm and a scene, and the pairs that are checked, as arguments of kernels."""
-    assert robot.shapes is not None
-    return robot.shapes.capsules, scene.arrays, find_pairs(robot, scene).bodies
-
-
 @compiled
 def pair_rooms(
     chain: Chain, bodies: Bodies, q: Array, margin: float, slots: Indices, room: Array, slope: Array
@@ -154,7 +150,7 @@ def pair_rooms(
 
     Shapes and units: q (k, n) [rad, m], margin [m], slots (k, s), room (k, s) [m], slope (k, s, n) [m/rad, 1].
     """
-    (link, a, b, radius), scene, pairs = bodies
+    (link, a, b, radius), scene, pairs, hulls = bodies
     frame, places = np.empty((chain[0].shape[0], 4, 4)), np.empty((link.shape[0], 2, 3))
     for k in range(q.shape[0]):
         kinematics.frames(chain, q[k], frame)
@@ -171,12 +167,18 @@ def pair_rooms(
             distance, share, w = find_nearest((m, i, kind), scene, places)
             thick = radius[m] + (radius[i] if kind == SELF else margin + (scene[4][i] if kind == ROUND else 0.0))
             room[k, s] = distance - thick
-            if not slope.shape[0] or abs(distance) < NO_DIRECTION:
-                continue
             u0, u1, u2 = w[0] / distance, w[1] / distance, w[2] / distance
             x = places[m, 0, 0] + share * (places[m, 1, 0] - places[m, 0, 0])
             y = places[m, 0, 1] + share * (places[m, 1, 1] - places[m, 0, 1])
             z = places[m, 0, 2] + share * (places[m, 1, 2] - places[m, 0, 2])
+            finer = -1.0
+            if room[k, s] <= HULLS_FROM and hulls[0].shape[0] > 0:
+                finer, normal, point = refine((m, i, kind), scene, hulls, frame)
+                least = finer - (margin if kind != SELF else 0.0)
+                if finer > 0.0 and least > room[k, s]:
+                    room[k, s], (u0, u1, u2), (x, y, z) = least, normal, point
+            if not slope.shape[0] or (finer <= 0.0 and abs(distance) < NO_DIRECTION):
+                continue
             base = link[i] if kind == SELF else 0
             for j in range(base, link[m]):
                 z0, z1, z2 = frame[j, 0, 2], frame[j, 1, 2], frame[j, 2, 2]
@@ -203,7 +205,7 @@ def find_near(
 
     Shapes and units: q (k, n) [rad, m], margin, within [m].
     """
-    (link, a, b, radius), scene, pairs = bodies
+    (link, a, b, radius), scene, pairs, hulls = bodies
     (places, moved, known), (begin, least, balls) = memory, blocks
     frame, spheres, count = np.empty((chain[0].shape[0], 4, 4)), np.empty((link.shape[0], 4)), 0
     ahead = np.zeros(link.shape[0])  # added to a stored bound of the previous configuration, gives one of this
@@ -244,6 +246,10 @@ def find_near(
                     if room < within:
                         room = find_nearest((m, i, kind), scene, at)[0] - thick
                     known[k, p] = room + way
+                    if room <= HULLS_FROM and hulls[0].shape[0] > 0:  # hulls turn: their room is not known further on
+                        finer = refine((m, i, kind), scene, hulls, frame)[0]
+                        if finer > 0.0:
+                            room = max(room, finer - (margin if kind != SELF else 0.0))
                     if room < within:
                         found[0][count], found[1][count], found[2][count] = k, p, room
                         count += 1

@@ -11,6 +11,7 @@ from optik import kinematics
 from optik.arm.robot import Robot
 from optik.arm.shapes.check import Capsules
 from optik.arm.shapes.enclosure import complete_frame
+from optik.arm.shapes.hull_distance import Hulls
 from optik.compiled import compiled, inlined
 from optik.kinematics import Chain, Triple
 from optik.scene import Scene
@@ -19,6 +20,7 @@ from optik.scene.contact import (
     BOX,
     CLOUD,
     CYLINDER,
+    HULLS_FROM,
     MESH,
     PLANE,
     ROUND,
@@ -29,16 +31,17 @@ from optik.scene.contact import (
     length_between,
     middle_of,
     read_row,
+    refine,
     transform_point,
 )
 from optik.scene.distance import DISTANCE_ROUNDING, NearestPoint
 from optik.types import Array, Indices
-from planners.certificate.clearance_search import EndMotion, locate_capsule
+from planners.certificate.clearance_search import EndMotion, locate_capsule, turn_between
 
-Body = tuple[Chain, Capsules, Objects, Indices, Array, Array]
+Body = tuple[Chain, Capsules, Objects, Indices, Array, Array, Hulls, float]
 """An arm, its capsules, and a scene; the checked pairs (k, 4): capsule, number of the second body, its kind, and its row among
-the boxes; the distance of axes (k,) at which a pair is in contact or within the margin [m]; and boxes that enclose the objects
-(rows, 15): centre, the axes of the edges, and half the edges [m, 1]."""
+the boxes; the distance of axes (k,) at which a pair is in contact or within the margin [m]; boxes that enclose the objects
+(rows, 15): centre, the axes of the edges, and half the edges [m, 1]; the hulls of both; and the margin [m]."""
 Work = tuple[Array, Array, EndMotion, Array, Array, Indices, Array, Indices]
 """Memory of the checks: joint frames (n, 4, 4), joint motion (4, n), motion of the ends of capsules, spheres (m, 4),
 configuration (n,), and the intervals that are not yet proved: open pairs (depth, pairs), ends (depth, 2), and number of
@@ -54,7 +57,8 @@ MOST_OPEN = 40
 def make_body(robot: Robot, scene: Scene) -> Body:
     """Return the arguments of the checks for an arm and a scene."""
     assert robot.shapes is not None
-    pairs, radius, arrays = find_pairs(robot, scene).bodies, robot.shapes.capsules[3], scene.arrays
+    found, radius, arrays = find_pairs(robot, scene), robot.shapes.capsules[3], scene.arrays
+    pairs = found.bodies
     kind, boxes, row = pairs[:, 2], [(np.zeros(3), np.eye(3), np.full(3, np.inf))], np.zeros(len(pairs), np.int64)
     for number, enclosing in _enclose(scene):
         of_kind = kind == number
@@ -64,7 +68,8 @@ def make_body(robot: Robot, scene: Scene) -> Body:
     for number, second in ((SELF, radius), (ROUND, arrays[4])):
         thick[kind == number] += second[pairs[kind == number, 1]]
     flat = np.array([np.concatenate([centre, axes.ravel(), half]) for centre, axes, half in boxes])
-    return robot.chain, robot.shapes.capsules, arrays, np.column_stack([pairs, row]), thick, flat
+    rows = np.column_stack([pairs, row])
+    return robot.chain, robot.shapes.capsules, arrays, rows, thick, flat, found.hulls, scene.margin
 
 
 def _enclose(scene: Scene) -> Iterator[tuple[int, list[tuple[Array, Array, Array]]]]:
@@ -127,13 +132,19 @@ def _rough_distance(spheres: Array, boxes: Array, k: int, i: int, kind: int, row
     return _distance_from_box(boxes, row, middle) - float(spheres[k, 3])
 
 
+@inlined
+def _hull_gap(pair: tuple[int, int, int], scene: Objects, hulls: Hulls, frame: Array, margin: float) -> float:
+    """Return a lower bound on the distance of a pair by its hulls, less the margin and rounding."""
+    return refine(pair, scene, hulls, frame)[0] - DISTANCE_ROUNDING - (margin if pair[2] != SELF else 0.0)
+
+
 @compiled
 def find_blocked(body: Body, q: Array, work: Work) -> int:
     """Return the first pair in contact or within the margin at a configuration, −1 if there is none.
 
     Shapes and units: q (n,) [rad, m].
     """
-    chain, (link, ends_a, ends_b, _radius), scene, pairs, thick, boxes = body
+    chain, (link, ends_a, ends_b, _radius), scene, pairs, thick, boxes, hulls, margin = body
     frame, places, spheres = work[0], work[2][0], work[3]
     kinematics.frames(chain, q, frame)
     for k in range(link.shape[0]):
@@ -148,6 +159,8 @@ def find_blocked(body: Body, q: Array, work: Work) -> int:
         if _rough_distance(spheres, boxes, k, i, kind, pairs[p, 3]) > thick[p]:
             continue
         if find_nearest((k, i, kind), scene, places)[0] <= thick[p]:
+            if hulls[0].shape[0] > 0 and _hull_gap((k, i, kind), scene, hulls, frame, margin) > 0.0:
+                continue
             return p
     return -1
 
@@ -224,7 +237,7 @@ def find_unproved(body: Body, a: Array, b: Array, deviation: Array, work: Work) 
 
     Shapes and units: a, b, deviation (n,) [rad, m].
     """
-    chain, (link, ends_a, ends_b, _radius), scene, pairs, thick, boxes = body
+    chain, (link, ends_a, ends_b, radius), scene, pairs, thick, boxes, hulls, margin = body
     frame, joint, moved, spheres, _q, open_, spans, counts = work
     away, axes = moved[2], (link, ends_a, ends_b)
     length, slack = _measure(a, b, deviation)
@@ -252,10 +265,19 @@ def find_unproved(body: Body, a: Array, b: Array, deviation: Array, work: Work) 
             if _rough_distance(spheres, boxes, k, i, kind, pairs[p, 3]) > thick[p] + shift:
                 continue
             near = find_nearest((k, i, kind), scene, moved[0])
-            gap = near[0] - thick[p]
+            gap, free, speed = near[0] - thick[p], 0.0, 0.0
+            if gap > 0.0:
+                free, speed = _free_half(near, gap, moved, k, base, h, slack, kind == CLOUD)
+            if free < h and gap <= HULLS_FROM and hulls[0].shape[0] > 0:
+                finer = _hull_gap((k, i, kind), scene, hulls, frame, margin)
+                rate = shift + (radius[k] + DISTANCE_ROUNDING) * turn_between(joint, chain[1], base, link[k])
+                gap = max(gap, finer)
+                if finer > rate:
+                    free = h
+                elif finer > 0.0 and not slack:
+                    free = max(free, h * finer / rate)
             if gap <= 0.0:
                 return int(p)
-            free, speed = _free_half(near, gap, moved, k, base, h, slack, kind == CLOUD)
             if free < h:
                 open_[top, left] = p
                 left += 1

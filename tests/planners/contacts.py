@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 import optik
 from optik import Scene, Shapes
 from optik.arm.robot import Robot
-from optik.scene.contact import SELF, find_pairs
+from optik.scene.contact import SELF, bodies_of, find_pairs
 from optik.types import Array
 from planners import Trajectory
 from planners.certificate import clearance
@@ -210,7 +210,7 @@ def bounds_of_one_interval(robot: Robot, motion: Trajectory, scene: Scene) -> Ar
     count, pieces = len(pairs), motion.knots.size - 1
     polynomials = (motion.padded, motion.knots, motion.piece_ranges, clearance._is_continuous(motion))
     nodes = np.array([[0.0, motion.end]]), np.array([[0, pieces - 1, 0, count]])
-    rest, bodies = (np.empty(count, np.int64), np.empty(count)), (robot.shapes.capsules, scene.arrays, pairs)
+    rest, bodies = (np.empty(count, np.int64), np.empty(count)), bodies_of(robot, scene)
     first = (np.arange(count), np.full(count, -np.inf))
     left = _judge_level(robot.chain, bodies, polynomials, (0.0, 0.0, 0.0, 1.0, 1), nodes, first, rest, least)
     for k in range(left[0, 1]):

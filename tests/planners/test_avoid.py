@@ -10,13 +10,13 @@ import pytest
 
 from optik import Scene
 from optik.errors import InvalidInput, UnknownName
-from optik.scene.contact import find_nearest_pairs
+from optik.scene.contact import bodies_of, find_nearest_pairs
 from optik.types import Array
 from optik.view.data import describe_show
 from planners import Line, MotionLimits, Plan, PlanStatus, PointToPoint, ViaPoint, free, load_motion, plan
 from planners.choice import avoid
 from planners.choice.choose import Choice, JointChoice
-from planners.choice.clearances import ClearanceLimits, NearPairs, bodies_of, pair_rooms
+from planners.choice.clearances import ClearanceLimits, NearPairs, pair_rooms
 from planners.choice.first_paths import advise_elbow
 from planners.choice.programme import FreeProgramme
 from planners.motion.show import show_motion
@@ -108,7 +108,7 @@ def test_near_pairs_of_the_arm_are_found_where_the_elbow_moves_and_the_hand_rest
     near = robot.limits.sample(rng, 20_000)
     near = near[find_nearest_pairs(robot, Scene(), near)[0] < 0.03]
     null = np.linalg.svd(robot.jacobian(near))[2][:, -1]
-    pairs, (_capsules, _objects, bodies) = NearPairs(robot, Scene(), len(near)), bodies_of(robot, Scene())
+    pairs, bodies = NearPairs(robot, Scene(), len(near)), bodies_of(robot, Scene())[2]
     slots = np.tile(np.arange(len(bodies)), (len(near), 1))
     room = np.empty(slots.shape)
     for q in (robot.limits.clip(near + 0.4 * null), near, robot.limits.clip(near - 0.4 * null)):

@@ -1,6 +1,6 @@
 """Cache of enclosures in the user's cache folder, by the content from which they are computed.
 
-A file is named by the SHA-256 of that content and of the code that encloses. It holds the capsules as rows of numbers behind
+A file is named by the SHA-256 of that content and of the code that encloses. It holds the capsules as numbers behind
 their SHA-256, which detects damage. A damaged file is replaced. Without a folder that can be written, nothing is cached.
 """
 
@@ -15,19 +15,20 @@ from typing import Any
 
 import numpy as np
 
-from optik.arm.shapes.enclosure import Capsule
+from optik.arm.shapes.enclosure import Capsule, Hull
 from optik.errors import OutputError
 from optik.file_io import write_atomically
-from optik.types import content
+from optik.types import Array, content
 
 MOST_FILES = 2000
-"""Most cached enclosures, of a few hundred bytes each: beyond it, the older half is deleted."""
-CODE = ("cache.py", "enclosure.py", "meshes.py", "sweep.py")
+"""Most cached enclosures, of some kilobytes each: beyond it, the older half is deleted."""
+CODE = ("cache.py", "enclosure.py", "hull_distance.py", "hulls.py", "meshes.py", "sweep.py")
 """Files whose change makes cached enclosures invalid."""
 SHA256_BYTES = 32
 """Length of a SHA-256."""
-ROW = 8
-"""Numbers of a row: both ends, the radius, and the excess of a capsule."""
+CAPSULE, HULL = 9, 3
+"""Numbers of a capsule: ends, radius, excess and number of hulls. Of a hull, before its corners: their number, radius,
+excess."""
 
 
 def enclose_once(enclose: Callable[[], list[Capsule]], *source: Any) -> list[Capsule]:
@@ -40,7 +41,7 @@ def enclose_once(enclose: Callable[[], list[Capsule]], *source: Any) -> list[Cap
     found = _read(file)
     if found is None:
         found = enclose()
-        _write(file, np.array([[*c.a, *c.b, c.radius, c.excess] for c in found]))
+        _write(file, _to_numbers(found))
     return found
 
 
@@ -51,12 +52,31 @@ def _read(file: Path) -> list[Capsule] | None:
     except OSError:
         return None
     rows = data[SHA256_BYTES:]
-    if not rows or len(rows) % (8 * ROW) or hashlib.sha256(rows).digest() != data[:SHA256_BYTES]:
+    if not rows or len(rows) % 8 or hashlib.sha256(rows).digest() != data[:SHA256_BYTES]:
         return None
-    return [Capsule(row[:3], row[3:6], float(row[6]), float(row[7])) for row in np.frombuffer(rows).reshape(-1, ROW)]
+    found, x = list[Capsule](), np.frombuffer(rows)
+    while len(x):
+        (*_, radius, excess, count), a, b, x, hulls = x[:CAPSULE].tolist(), x[:3], x[3:6], x[CAPSULE:], list[Hull]()
+        for _ in range(int(count)):
+            corners, *sizes = x[:HULL].tolist()
+            end = HULL + 3 * int(corners)
+            hulls.append(Hull(x[HULL:end].reshape(-1, 3), *sizes))
+            x = x[end:]
+        found.append(Capsule(a, b, radius, excess, tuple(hulls)))
+    return found
 
 
-def _write(file: Path, rows: np.ndarray[Any, np.dtype[np.float64]]) -> None:
+def _to_numbers(found: list[Capsule]) -> Array:
+    """Return capsules as numbers."""
+    parts = [
+        [*c.a, *c.b, c.radius, c.excess, len(c.hulls)]
+        + [x for hull in c.hulls for x in (len(hull.corners), hull.radius, hull.excess, *hull.corners.ravel())]
+        for c in found
+    ]
+    return np.concatenate(parts)
+
+
+def _write(file: Path, rows: Array) -> None:
     """Write capsules to a file, and delete the older half of the files if there are too many; a full disk is no error."""
     data = rows.tobytes()
     with contextlib.suppress(OSError, OutputError):

@@ -2,7 +2,7 @@
 
 A capsule is convex, so it encloses a triangle if it encloses its corners. A mesh that one capsule encloses badly is cut by
 planes, and each part gets its own capsule. The cut face of a solid lies in the convex hull of its edge, which is part of the
-cut surface, so the capsules enclose the solid and not only its surface.
+cut surface, so the capsules enclose the solid and not only its surface. This needs cuts along at most two directions.
 
 The excess of a capsule is a proved bound of the distance of its surface from the enclosed mesh. Cells along the meridian and
 around the axis cover the surface. The distance of any point of a cell from the mesh is at most that of the cell's centre plus
@@ -38,17 +38,50 @@ CELLS = 16
 """Initial number of cells along the meridian of a capsule and around its axis."""
 
 
+class Part(NamedTuple):
+    """The triangles (k, 3, 3) of a mesh [m] behind some planes (p, 4), each the unit normal n and the largest n·x [1, m]."""
+
+    triangles: Array
+    planes: Array
+
+    def cut(self, normal: Array, offsets: list[float]) -> list[Part]:
+        """Cut the part by parallel planes; empty pieces are dropped."""
+        below = [np.append(normal, offset) for offset in offsets]
+        planes = [
+            np.array([*below[k : k + 1], *(-one for one in below[max(k - 1, 0) : k])]) for k in range(len(below) + 1)
+        ]
+        pieces = zip(_slabs(self.triangles, normal, offsets), planes, strict=True)
+        return [Part(piece, np.concatenate([self.planes, new])) for piece, new in pieces if len(piece)]
+
+
+class Hull(NamedTuple):
+    """A convex hull around a part of a body: all points within a radius [m] of the hull of corners (v, 3) [m].
+
+    The excess is a bound of the distance of its surface from the body [m], outside of the other hulls of the body.
+    """
+
+    corners: Array
+    radius: float
+    excess: float = np.nan
+
+    def transform(self, T: Array) -> Hull:
+        """Return the hull in another frame."""
+        return self._replace(corners=self.corners @ T[:3, :3].T + T[:3, 3])
+
+
 class Capsule(NamedTuple):
-    """A capsule around a part of a mesh."""
+    """A capsule around a part of a mesh, and hulls around the same part; no hulls if it is all that is known."""
 
     a: Array
     b: Array
     radius: float
     excess: float = np.nan
+    hulls: tuple[Hull, ...] = ()
 
     def transform(self, T: Array) -> Capsule:
-        """Return the capsule in another frame."""
-        return self._replace(a=T[:3, :3] @ self.a + T[:3, 3], b=T[:3, :3] @ self.b + T[:3, 3])
+        """Return the capsule and its hulls in another frame."""
+        a, b = T[:3, :3] @ self.a + T[:3, 3], T[:3, :3] @ self.b + T[:3, 3]
+        return self._replace(a=a, b=b, hulls=tuple(hull.transform(T) for hull in self.hulls))
 
 
 def complete_frame(u: Array) -> tuple[Array, Array]:
@@ -159,8 +192,14 @@ FACES = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (
 
 def enclose_mesh(triangles: Array, most: int = MOST_OF_ONE, excess: float = WELL_ENCLOSED) -> list[Capsule]:
     """Enclose a mesh by one capsule, or by several if its excess is too large."""
-    tree = sample_points(triangles)
-    parts, found = [triangles], [fit_capsule(triangles)]
+    return enclose_parts(triangles, sample_points(triangles), most, excess)[0]
+
+
+def enclose_parts(
+    triangles: Array, tree: Any, most: int = MOST_OF_ONE, excess: float = WELL_ENCLOSED
+) -> tuple[list[Capsule], list[Part]]:
+    """Return the capsules of a mesh, of which `sample_points` is known, and the part of the mesh in each of them."""
+    parts, found = [Part(triangles, np.empty((0, 4)))], [fit_capsule(triangles)]
     found = measure_excess(found, tree)
     closed: set[int] = set()
     while len(parts) < most:
@@ -173,28 +212,34 @@ def enclose_mesh(triangles: Array, most: int = MOST_OF_ONE, excess: float = WELL
             closed.add(id(parts[i]))
         else:
             parts, found = better
-    return found
+    return found, parts
 
 
 def _divide(
-    parts: list[Array], found: list[Capsule], i: int, tree: Any, most: int
-) -> tuple[list[Array], list[Capsule]] | None:
+    parts: list[Part], found: list[Capsule], i: int, tree: Any, most: int
+) -> tuple[list[Part], list[Capsule]] | None:
     """Return parts and capsules with part i cut into at most `most`, or None if excess and size gain too little."""
     others = found[:i] + found[i + 1 :]
     pieces = _cut(parts[i], others, tree, most)
-    capsules = [fit_capsule(piece) for piece in pieces]
+    capsules = [fit_capsule(piece.triangles) for piece in pieces]
     if not capsules:
         return None
     before = found[i].excess * _size([found[i]])
-    if _largest_excess(capsules, others, tree) * _size(capsules) > WORTH_A_CUT * before:
+    if _rate(capsules, others, tree) > WORTH_A_CUT * before:
         return None
     return [*parts[:i], *pieces, *parts[i + 1 :]], measure_excess([*found[:i], *capsules, *found[i + 1 :]], tree)
 
 
-def _largest_excess(capsules: list[Capsule], others: list[Capsule], tree: Any, *, coarse: bool = False) -> float:
-    """Return the largest excess of some capsules of a mesh."""
-    rest = [[*others, *capsules[:k], *capsules[k + 1 :]] for k in range(len(capsules))]
-    return max(bound_excess(c, r, tree, coarse=coarse) for c, r in zip(capsules, rest, strict=True))
+def _rate(
+    capsules: list[Capsule], others: list[Capsule], tree: Any, *, coarse: bool = False, enough: float = np.inf
+) -> float:
+    """Return the product of the largest excess of some capsules of a mesh and their size, or a part of it from `enough` on."""
+    size, worst = _size(capsules), 0.0
+    for k, c in enumerate(capsules):
+        worst = max(worst, bound_excess(c, [*others, *capsules[:k], *capsules[k + 1 :]], tree, coarse=coarse))
+        if worst * size >= enough:
+            break
+    return worst * size
 
 
 def box_triangles(edges: Array) -> Array:
@@ -264,7 +309,7 @@ def _hull(points: Array) -> Array:
 def _starts(points: Array) -> list[tuple[Array, Array]]:
     """List lines through the middle of the points, along the axes of the frame and the principal axes."""
     found = []
-    for u in _axes(points):
+    for u in find_axes(points):
         v, w = complete_frame(u)
         middle = sum(0.5 * ((points @ x).min() + (points @ x).max()) * x for x in (u, v, w))
         found.append((np.asarray(middle), u))
@@ -298,24 +343,26 @@ def _size(capsules: list[Capsule]) -> float:
     return float(np.cbrt(sum(_volume(c.a, c.b, c.radius) for c in capsules)))
 
 
-def _cut(triangles: Array, others: list[Capsule], tree: Any, most: int) -> list[Array]:
-    """Cut a mesh across an axis into two or three parts, with the least excess of the cuts tried; no parts if none helps."""
+def _cut(part: Part, others: list[Capsule], tree: Any, most: int) -> list[Part]:
+    """Cut a part across an axis into two or three, with the least excess of the cuts tried; no parts if none helps."""
+    triangles = part.triangles
     few = triangles[:: 1 + len(triangles) // FEW_TRIANGLES]
     points = triangles.reshape(-1, 3)
     best: tuple[Array, list[float]] | None = None
     least = np.inf
-    for u in _axes(points):
+    for u in find_axes(points):
         low, high = float((points @ u).min()), float((points @ u).max())
         for cuts in (c for count in range(1, min(most, 3)) for c in combinations(CUTS, count)):
-            offsets = [low + part * (high - low) for part in cuts]
+            offsets = [low + share * (high - low) for share in cuts]
             pieces = _slabs(few, u, offsets)
             if min(len(piece) for piece in pieces) == 0:
                 continue
             capsules = [fit_roughly(piece.reshape(-1, 3)) for piece in pieces]
-            worst = _largest_excess(capsules, others, tree, coarse=True) * _size(capsules)
-            if worst < (1.0 if len(pieces) == 2 else WORTH_A_CUT) * least:  # a third capsule must reduce it more
+            enough = (1.0 if len(pieces) == 2 else WORTH_A_CUT) * least  # a third capsule must reduce it more
+            worst = _rate(capsules, others, tree, coarse=True, enough=enough)
+            if worst < enough:
                 best, least = (u, offsets), worst
-    return [piece for piece in _slabs(triangles, *best) if len(piece)] if best is not None else []
+    return part.cut(*best) if best is not None else []
 
 
 def _slabs(triangles: Array, normal: Array, offsets: list[float]) -> list[Array]:
@@ -327,7 +374,7 @@ def _slabs(triangles: Array, normal: Array, offsets: list[float]) -> list[Array]
     return [*pieces, triangles]
 
 
-def _axes(points: Array) -> Array:
+def find_axes(points: Array) -> Array:
     """Return the axes of the frame and the principal axes of points that differ from them, as rows."""
     offsets = points - points.mean(axis=0)
     principal = np.linalg.eigh(offsets.T @ offsets)[1].T

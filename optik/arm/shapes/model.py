@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from optik import se3
 from optik.arm.shapes.check import Capsules, check_capsules, check_excess
+from optik.arm.shapes.hulls import Hull, check_hulls, list_hulls
 from optik.check import check_count, check_words, format_value
 from optik.errors import InvalidInput
 from optik.types import Array, Indices
@@ -47,6 +48,9 @@ class Shapes:
         Source of the numbers.
     unread : sequence of (str, str), optional
         Links of a URDF whose shape could not be read, and why; plans with a scene are then refused.
+    hulls : sequence of sequences of (corners, radius, excess), optional
+        For each capsule convex hulls of the same part of the body, which decide where capsules touch: corners (v, 3) inside
+        the capsule, radius of their rounding and excess [m]. By default, and where there are none, the capsule decides.
 
     Raises
     ------
@@ -60,6 +64,7 @@ class Shapes:
     excess: Array = np.nan  # type: ignore[assignment]
     source: str = ""
     unread: tuple[tuple[str, str], ...] = ()
+    hulls: tuple[tuple[Hull, ...], ...] = ()
 
     def __post_init__(self) -> None:
         unread = tuple(
@@ -74,6 +79,7 @@ class Shapes:
             raise InvalidInput("shapes.source", format_value(self.source), "a word")
         checked = {"capsules": capsules, "names": names, "excess": check_excess(self.excess, m, "shapes.excess")}
         checked["unread"] = unread
+        checked["hulls"] = check_hulls(self.hulls, capsules)
         for field, value in checked.items():
             object.__setattr__(self, field, value)
         object.__setattr__(self, "apart", tuple(self._checked_apart(self.apart)))
@@ -87,7 +93,7 @@ class Shapes:
         return hash(self.digest)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Shapes, (self.capsules, self.names, self.apart, self.excess, self.source, self.unread)
+        return Shapes, (self.capsules, self.names, self.apart, self.excess, self.source, self.unread, self.hulls)
 
     @cached_property
     def digest(self) -> bytes:
@@ -95,6 +101,8 @@ class Shapes:
         digest = hashlib.sha256(repr((self.names, self.apart, *self.unread)).encode())
         for array in (*self.capsules, self.excess):
             digest.update(array.tobytes())
+        for k, hull in ((k, hull) for k, of in enumerate(self.hulls) for hull in of):
+            digest.update(repr((k, len(hull.corners), hull.radius, hull.excess)).encode() + hull.corners.tobytes())
         return digest.digest()
 
     def __repr__(self) -> str:
@@ -179,6 +187,11 @@ class Shapes:
                     check_count(part, f"shapes.apart[{i}]", 0)
             yield tuple(part if isinstance(part, str) else int(part) for part in pair)  # type: ignore[misc]
 
+    def list_bodies(self) -> list[tuple[int, tuple[Array, Array]]]:
+        """Return link and hulls of each capsule for `pack_hulls`; the capsule itself where there are none."""
+        rows = zip(*self.capsules, self.hulls, strict=True)
+        return [(link, list_hulls(of or [Hull(np.array([a, b]), radius)])) for link, a, b, radius, of in rows]
+
     # ------------------------------------------------------------ copies
 
     def with_apart(self, pairs: Iterable[Apart]) -> Shapes:
@@ -252,7 +265,8 @@ class Shapes:
         names = (*kept.names, *(name for _ in found))
         excess = np.concatenate((kept.excess, [c.excess for c in found]))
         unread = tuple(pair for pair in self.unread if pair[0] != name)
-        return replace(kept, capsules=rows, names=names, excess=excess, unread=unread)  # type: ignore[arg-type]
+        hulls = (*kept.hulls, *(() for _ in found)) if kept.hulls else ()
+        return replace(kept, capsules=rows, names=names, excess=excess, unread=unread, hulls=hulls)  # type: ignore[arg-type]
 
     def without_part(self, name: str) -> Shapes:
         """Return the shapes without a part.
@@ -274,7 +288,8 @@ class Shapes:
         kept = [i for i, other in enumerate(self.names) if other != name]
         rows = list(zip(*(column[kept] for column in self.capsules), strict=True))
         apart = tuple(pair for pair in self.apart if name not in pair[:2])
-        return Shapes(rows, tuple(self.names[i] for i in kept), apart, self.excess[kept], self.source, self.unread)  # type: ignore[arg-type]
+        names, hulls = tuple(self.names[i] for i in kept), tuple(self.hulls[i] for i in kept if self.hulls)
+        return Shapes(rows, names, apart, self.excess[kept], self.source, self.unread, hulls)  # type: ignore[arg-type]
 
     def transform_part(self, part: str | int, T: Array) -> Shapes:
         """Return the shapes with a part transformed in its links' frames.
@@ -293,4 +308,6 @@ class Shapes:
         links, a, b, radius = self.capsules
         here = np.isin(np.arange(self.m), self.find_capsules(part))[:, None]
         a, b = (np.where(here, end @ T[:3, :3].T + T[:3, 3], end) for end in (a, b))
-        return replace(self, capsules=(links, a, b, radius))
+        of = zip(here[:, 0], self.hulls, strict=False)
+        hulls = tuple(tuple(hull.transform(T) for hull in own) if moved else own for moved, own in of)
+        return replace(self, capsules=(links, a, b, radius), hulls=hulls)

@@ -84,7 +84,7 @@ def _sweep_all(capsules: Sequence[Capsule], steps: Sequence[SweepStep], ranges: 
 
 def _sweep(c: Capsule, steps: Sequence[SweepStep], ranges: Array) -> Capsule:
     """Enclose a capsule by one for all values of the drivers."""
-    points, radius, excess = np.array([c.a, c.b]), c.radius, c.excess
+    points, radius, excess, fixed = np.array([c.a, c.b]), c.radius, c.excess, c
     for step in steps:
         low, high = (
             sorted(step.factor * ranges[step.driver] + step.offset) if step.factor else (step.offset, step.offset)
@@ -102,8 +102,12 @@ def _sweep(c: Capsule, steps: Sequence[SweepStep], ranges: Array) -> Capsule:
         if len(points) > MOST_SWEPT_POINTS:
             hull, excess = fit_roughly(points, 0.0), np.nan
             points, radius = np.array([hull.a, hull.b]), radius + hull.radius
+        turn = np.eye(4)
+        turn[:3, :3], turn[:3, 3] = (np.eye(3), low * step.axis) if step.slides else (se3.exp_so3(low * step.axis), 0.0)
+        fixed = fixed.transform(step.T @ turn)
     if len(points) == 2:
-        return Capsule(points[0], points[1], radius, excess)
+        hulls = () if any(step.factor for step in steps) else fixed.hulls
+        return Capsule(points[0], points[1], radius, excess, hulls)
     hull = fit_roughly(points, 0.0)
     return Capsule(hull.a, hull.b, hull.radius + radius)
 

@@ -10,7 +10,8 @@ import numpy as np
 
 from optik.arm.branches import Axis, find_driver, read_range
 from optik.arm.shapes.cache import enclose_once
-from optik.arm.shapes.enclosure import Capsule, box_triangles, enclose_cylinder, enclose_mesh
+from optik.arm.shapes.enclosure import Capsule, box_triangles
+from optik.arm.shapes.hulls import enclose_body, enclose_disc
 from optik.arm.shapes.meshes import FARTHEST_CORNER, MeshFolders, read_mesh, read_mesh_bytes
 from optik.arm.shapes.model import Shapes
 from optik.arm.shapes.sweep import SweepStep, sweep_capsules
@@ -46,6 +47,7 @@ def read_shapes(tree: Tree, base: str, placed: list[tuple[Joint, Array]], folder
         excess=np.array([c.excess for *_, c in capsules]),
         source=f"<collision> of URDF {tree.name!r}",
         unread=tuple(unread),
+        hulls=tuple(c.hulls for *_, c in capsules) if any(c.hulls for *_, c in capsules) else (),
     )
 
 
@@ -138,7 +140,7 @@ def read_geometry(tree: Tree, element: Any, where: str, folders: MeshFolders) ->
         if not farthest <= FARTHEST_CORNER:
             problem = f"{where}: the {kind} extends to {farthest:.6g} m, expected at most {FARTHEST_CORNER:g} m"
             raise RobotModelError(tree.name, problem)
-        return enclose_mesh(triangles)
+        return enclose_body(triangles)
 
     if kind == "box":
         edges = read_triple(tree.name, where, shape.get("size", ""), "box size")
@@ -148,7 +150,7 @@ def read_geometry(tree: Tree, element: Any, where: str, folders: MeshFolders) ->
     if kind == "sphere":
         return [Capsule(np.zeros(3), np.zeros(3), length("radius"), 0.0)]
     if kind == "cylinder":
-        return [enclose_cylinder(length("radius"), length("length"))]
+        return enclose_disc(length("radius"), length("length"))
     if kind == "capsule":
         end = np.array([0.0, 0.0, 0.5 * length("length")])
         return [Capsule(-end, end, length("radius"), 0.0)]
