@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
-from benchmarks.cli.command import out_console, translate
+from benchmarks.cli.command import out_console
+from benchmarks.cli.words import translate
 from optik.check import format_count
 from optik.check import format_ratio as describe_ratio
 

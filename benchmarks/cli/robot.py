@@ -12,7 +12,7 @@ from rich.table import Table
 import optik
 from benchmarks.cli.command import (
     Q_DEG,
-    JsonCommand,
+    FileCommand,
     RobotCommand,
     StartCommand,
     argument,
@@ -37,7 +37,7 @@ TASKS = ("pose", "position", "rotation", "axis_x", "axis_y", "axis_z")
 
 
 @dataclass(frozen=True, kw_only=True)
-class RobotsCommand(JsonCommand):
+class RobotsCommand(FileCommand):
     """List the robots of optik and of installed packages, with the error of each that cannot be loaded; or show one."""
 
     name: str | None = optional(
@@ -47,7 +47,7 @@ class RobotsCommand(JsonCommand):
     def run(self) -> None:
         """Print the robots, or one of them."""
         if self.name is not None:
-            arm = optik.load(self.name)
+            arm = self.load_file(self.name)
             if self.as_json:
                 print_json(arm.to_dict())
             else:

@@ -16,9 +16,9 @@ from typer.main import get_command
 import optik
 import planners
 from benchmarks.cli.app import app
-from benchmarks.cli.command import translate
 from benchmarks.cli.readers import START_SAMPLES, sample_start
 from benchmarks.cli.runs import FEWEST_PARTS, make_progress, update_progress
+from benchmarks.cli.words import translate
 from optik.arm.library import read_home, robot_from_toml
 from optik.arm.model import unit_factors
 from optik.errors import InvalidInput
@@ -258,7 +258,7 @@ def test_meshes_of_packages_are_found_and_the_way_to_shapes_is_said(typed: Any, 
     assert status == 0, said
     words[3] = str(arm)
     assert typed(*words, "--package-dir", str(tmp_path / "ws"))[0] == 0
-    assert "is not a URDF" in typed("plan", "line", "--package-dir", str(tmp_path))[2]
+    assert "is no URDF" in typed("plan", "line", "--package-dir", str(tmp_path))[2]
 
 
 TWO_ENDS = """<robot name="two"><link name="base"/><link name="arm"/><link name="tool0"/><link name="ee"/>
