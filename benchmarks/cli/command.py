@@ -25,7 +25,6 @@ from benchmarks.cli.readers import (
     read_held,
     read_limit,
     read_numbers,
-    sample_start,
 )
 from benchmarks.cli.words import name_robot_options, translate
 from optik.arm.model import unit_factors
@@ -299,7 +298,7 @@ class StartCommand(RobotCommand):
         from optik.arm.library import read_home
 
         home, factors = read_home(self.robot), unit_factors(arm)
-        q = sample_start(arm) if home is None else from_maker(arm, home / factors)
+        q = optik.choose_start(arm) if home is None else from_maker(arm, home / factors)
         why = "a sample, because it has no home_deg" if home is None else "its home_deg"
         return Start(
             arm,

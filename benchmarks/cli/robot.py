@@ -23,12 +23,13 @@ from benchmarks.cli.command import (
     out_console,
     print_json,
 )
-from benchmarks.cli.readers import load_or_error, read_joint_values, read_numbers
+from benchmarks.cli.readers import format_numbers, load_or_error, read_joint_values, read_numbers
 from optik.arm.limits import LIMIT_TOLERANCE
 from optik.arm.model import unit_factors, unit_names
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
 from optik.ik import IKResult
+from optik.ik.start import wind_near
 from optik.registry import short_name
 from optik.task import POSE
 
@@ -136,6 +137,7 @@ class IkCommand(StartCommand):
     def run(self) -> None:
         """Solve and print; exit with status 1 without a solution."""
         from optik import se3
+        from optik.arm.urdf import roll_pitch_yaw
 
         position, rpy_deg, quat = read_numbers(self.xyz, "--xyz", 3), self.rpy_deg.strip(), self.quat.strip()
         if rpy_deg and quat:
@@ -154,11 +156,15 @@ class IkCommand(StartCommand):
             start.arm, se3.pose(R, position), start.q, self.solver, max_restarts=self.max_restarts, task=task,
             closest=self.closest,
         )  # fmt: skip
+        result = result._replace(q=wind_near(start.arm, result.q, start.q))
         start.print_default()
         if self.task is None and not oriented:
             words = f"{start.arm.name} has {start.arm.n} joints and no orientation is given: --task position"
             err_console.print(words, soft_wrap=True)
         (_print_ik_json if self.as_json else _print_ik)(start.arm, result, short_name(self.solver))
+        if not (self.as_json or rpy_deg or quat or task == "position"):
+            taken = format_numbers(np.degrees(roll_pitch_yaw(R)))
+            out_console.print(f"orientation: that of the start, --rpy-deg {taken}", soft_wrap=True)
         if not result:
             if not self.as_json:
                 said = f"{result.message}; " if result.message else ""

@@ -14,7 +14,6 @@ import pytest
 import optik
 from benchmarks.cli.command import Start
 from benchmarks.cli.plan import choose_branch
-from benchmarks.cli.readers import sample_start
 from benchmarks.report import write_report
 from benchmarks.run import run_suite
 from benchmarks.suite import load_suite
@@ -72,7 +71,7 @@ def test_a_tip_that_must_be_named_is_asked_for_with_the_limits(tmp_path: Path, t
 
 def test_the_default_start_reaches_a_decimetre_in_every_direction(two_tools: Path) -> None:
     robot = optik.load(two_tools)
-    q = sample_start(robot)
+    q = optik.choose_start(robot)
     T, limits, solved = robot.fk(q), MotionLimits.of(robot, acceleration=10.0, jerk=100.0), 0
     for direction in itertools.product((-1.0, 0.0, 1.0), repeat=3):
         if any(direction):
