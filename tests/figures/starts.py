@@ -130,10 +130,9 @@ def judge(rows: list[Row]) -> list[Value]:
                 print(f"  {row['arm']} {name}: Python {one['api']}, command {one['cli']}: {one['why'] or one['said']}")
     if "BEFORE" in os.environ:
         before = {row["arm"]: row["moves"] for row in map(json.loads, Path(os.environ["BEFORE"]).open())}
-        lost = [
-            f"{row['arm']} {name} ({key})" for row in rows for name, one in row["moves"].items() for key in ("api", "cli")
-            if before.get(row["arm"], {}).get(name, {}).get(key) and not one[key]
-        ]  # fmt: skip
+        both = [(row["arm"], name, key) for row in rows for name in MOVES for key in ("api", "cli")]
+        now = {row["arm"]: row["moves"] for row in rows}
+        lost = [" ".join(at) for at in both if before[at[0]][at[1]][at[2]] and not now[at[0]][at[1]][at[2]]]
         values.append(Value("solved before, not now", "0", f"{len(lost)}: {', '.join(lost)}", not lost))
     return values
 
