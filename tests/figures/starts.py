@@ -129,7 +129,9 @@ def judge(rows: list[Row]) -> list[Value]:
             if not (one["api"] and one["cli"]):
                 print(f"  {row['arm']} {name}: Python {one['api']}, command {one['cli']}: {one['why'] or one['said']}")
     if "BEFORE" in os.environ:
-        before = {row["arm"]: row["moves"] for row in map(json.loads, Path(os.environ["BEFORE"]).open())}
+        before = {
+            row["arm"]: row["moves"] for row in map(json.loads, Path(os.environ["BEFORE"]).read_text().splitlines())
+        }
         both = [(row["arm"], name, key) for row in rows for name in MOVES for key in ("api", "cli")]
         now = {row["arm"]: row["moves"] for row in rows}
         lost = [" ".join(at) for at in both if before[at[0]][at[1]][at[2]] and not now[at[0]][at[1]][at[2]]]
