@@ -65,6 +65,7 @@ SMOOTH = {
 def describe_clearance(found: Any) -> str:
     """Describe the least distances to the scene and between links, each with its margin."""
     lines = [f"clearance {words}, proved for these shapes: {kind.describe()}" for words, kind in found.kinds.items()]
+    lines += [f"note: {found.note}"] if found.note else []
     return "\n".join(
         [*lines, f"{len(found.left_out)} pairs of links are not checked; --json lists them with the reasons"]
     )

@@ -42,7 +42,7 @@ capsule_radius (c,), planes (p, 6), and `pack_solids` [m, 1]."""
 Bodies = tuple[Capsules, Objects, Indices]
 """The capsules of an arm, the scene, and the checked pairs (k, 3): capsule, number of the second body among those of its
 kind, and that kind. Of two capsules of the arm the first is on the later link."""
-ALLOWED, STILL = "allowed by the scene", "neither moves"
+ALLOWED, STILL, TOUCHING = "allowed by the scene", "neither moves", "neither moves: in contact"
 """Reasons why a capsule and an object are not checked."""
 
 
@@ -74,10 +74,26 @@ def find_pairs(robot: Robot, scene: Scene) -> Pairs:
     names = [(shapes.names[k], scene.names[column[j]]) for k, j in met]
     names += [(shapes.names[k], shapes.names[i]) for k, i, _ in own]
     left = {(shapes.names[k], "scene"): STILL for k in np.flatnonzero(link == 0) if scene.names}
+    left |= _find_still_contacts(robot, scene, kinds, column)
     left |= {(shapes.names[k], scene.names[j]): ALLOWED for k, j in np.argwhere(~examined).tolist() if link[k]}
     left_out = (*((*pair, why) for pair, why in left.items()), *shapes.left_out)
     bodies = np.array([(k, *kinds[j]) for k, j in met] + own, np.int64).reshape(-1, 3)
     return Pairs(bodies, tuple(names), left_out)
+
+
+def _find_still_contacts(
+    robot: Robot, scene: Scene, kinds: list[tuple[int, int]], column: Indices
+) -> dict[tuple[str, str], str]:
+    """Return the names of shapes that the arm does not move, such as those of a held arm, and of objects that they touch."""
+    assert robot.shapes is not None
+    shapes, examined, found = robot.shapes, scene.pair_mask(robot), dict[tuple[str, str], str]()
+    room, which = np.empty(1), np.empty(1, np.int64)
+    for k, j in np.argwhere(examined & (shapes.capsules[0] == 0)[:, None]).tolist():
+        bodies = np.array([(k, *kinds[i]) for i in np.flatnonzero(column == j)], np.int64)
+        rooms_batch(robot.chain, (shapes.capsules, scene.arrays, bodies), robot.limits.middle[None], 0.0, room, which)
+        if room[0] <= 0.0:
+            found[shapes.names[k], scene.names[j]] = TOUCHING
+    return found
 
 
 def scene_for(robot: Robot, scene: Scene | None, arms: Iterable[Robot]) -> Scene | None:
