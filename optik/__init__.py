@@ -10,6 +10,7 @@ from optik.arm.robot import Robot
 from optik.arm.shapes import Shapes
 from optik.errors import OptikError
 from optik.ik import IKResult, IKStatus, Tolerance, solve_ik, solve_ik_batch
+from optik.ik.start import choose_start
 from optik.scene import Scene
 from optik.task import Task
 
@@ -29,6 +30,7 @@ __all__ = [
     "Task",
     "Tolerance",
     "VelocityByPosition",
+    "choose_start",
     "load",
     "robots",
     "solve_ik",

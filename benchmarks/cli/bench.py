@@ -137,6 +137,8 @@ class NewCommand(RobotCommand):
             "base": self.base,
             "gravity": gravity,
             "without_shape": ",".join(self.without_shape or ()),
+            "packages": self.package_dir and str(Path(self.package_dir).resolve()),
+            "srdf": self.srdf and str(Path(self.srdf).resolve()),
         }
         given |= {key: value for key, value in typed.items() if value}
         options = "&".join(f"{key}={value}" for key, value in given.items())

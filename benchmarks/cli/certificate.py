@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
-from benchmarks.cli.command import out_console, translate
+from benchmarks.cli.command import out_console
+from benchmarks.cli.words import translate
 from optik.check import format_count
 from optik.check import format_ratio as describe_ratio
 
@@ -64,6 +65,7 @@ SMOOTH = {
 def describe_clearance(found: Any) -> str:
     """Describe the least distances to the scene and between links, each with its margin."""
     lines = [f"clearance {words}, proved for these shapes: {kind.describe()}" for words, kind in found.kinds.items()]
+    lines += [f"note: {found.note}"] if found.note else []
     return "\n".join(
         [*lines, f"{len(found.left_out)} pairs of links are not checked; --json lists them with the reasons"]
     )

@@ -29,11 +29,11 @@ from benchmarks.cli.command import (
     option,
     out_console,
     print_json,
-    translate,
 )
 from benchmarks.cli.motion import read_motion
 from benchmarks.cli.plan import SceneCommand
 from benchmarks.cli.readers import read_configuration, read_numbers
+from benchmarks.cli.words import translate
 from benchmarks.provenance import version_here
 from optik.arm.model import unit_factors, unit_names
 from optik.arm.motors import have_same_matrix

@@ -12,7 +12,6 @@ from inspect import Parameter, Signature, get_annotations
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, get_type_hints
 
-import numpy as np
 import typer
 from rich.console import Console
 from typer.core import TyperCommand
@@ -26,8 +25,8 @@ from benchmarks.cli.readers import (
     read_held,
     read_limit,
     read_numbers,
-    sample_start,
 )
+from benchmarks.cli.words import name_robot_options, translate
 from optik.arm.model import unit_factors
 from optik.arm.motors import from_maker, maker_joints
 from optik.arm.tips import TIP_ADVICE
@@ -45,10 +44,6 @@ NUMBERS, Q_DEG = "NUMBERS", "Q_DEG"
 
 LIMIT_EXAMPLES = {"velocity": 1, "acceleration": 10, "jerk": 50}
 """Limits that hold for every joint, with examples for messages."""
-TRANSLATED = "allow|branch|columns|gravity|ignore|joint_names|rotation_speed|start|timing|tool_speed|unit|unwrap"
-"""Arguments of the library, in messages, that are options of the same name."""
-NUMBER = r"-?\d[\d.]*(?:e[-+]?\d+)?"
-"""Regular expression of a number in a message."""
 
 # ---------------------------------------------------------------- commands
 
@@ -114,7 +109,7 @@ LIBRARY_NAMES = {
     "IK method": "solver", "time law": "timing", "limit": "limit", "freedom": "free", "file format": "format",
     "limits.tool_speed": "tool_speed", "limits.rotation_speed": "rotation_speed", "target": "xyz", "q": "q_deg",
     "angle": "angle_deg", "data": "set_", "goal": "set_", "robot": "name", "drive": "on", "search": "avoid",
-    "extra": "limit", "peer": "name", "scene.margin": "margin",
+    "extra": "limit", "peer": "name", "scene.margin": "margin", "package_dirs": "package_dir",
 }  # fmt: skip
 """Arguments of the library, and kinds of names, that a command has under another name."""
 
@@ -215,14 +210,9 @@ class JsonCommand(Command):
 
 
 @dataclass(frozen=True, kw_only=True)
-class RobotCommand(JsonCommand):
-    """A command on a robot."""
+class FileCommand(JsonCommand):
+    """A command with options of a robot's file."""
 
-    robot: str = option(
-        "Robot",
-        "A name from `optik robots`, a file (.urdf, .xacro, .toml, .json or .py), or robot_descriptions:NAME_description.",
-        "paper6r", "--robot", "-r",
-    )  # fmt: skip
     tip: str | None = option(
         "Robot",
         "Tool link of a URDF; by default the end of its longest chain, before a hand. Required for several arms.",
@@ -233,6 +223,11 @@ class RobotCommand(JsonCommand):
         "Hold a joint beside the arm of a URDF at a value in the file's units [rad, m]; repeatable: gripper=0.3.", None,
         "--hold", metavar="JOINT=VALUE",
     )  # fmt: skip
+    package_dir: str | None = option(
+        "Robot",
+        "Folder of ROS packages, for a xacro file and for package:// meshes of a URDF, whose collision shapes are then read.",
+    )
+    srdf: str | None = option("Robot", "SRDF with the pairs of a URDF's links that are not checked against each other.")
     without_shape: list[str] | None = option(
         "Robot", "Links of a URDF whose collision shapes are not read; comma-separated, repeatable.", metavar="LINK"
     )
@@ -241,19 +236,34 @@ class RobotCommand(JsonCommand):
         "Direction of gravity in the base frame, for example 0,0,-1. Default: the file's; for a URDF, −z of its root link.",
     )
 
-    def load(self, name: str = "") -> optik.Robot:
-        """Load the robot, or the one that is named, and print the tip that a rule chose."""
+    def load_file(self, name: str) -> optik.Robot:
+        """Load a robot, and print the tip that a rule chose."""
         gravity = None if self.gravity is None else read_numbers(self.gravity, "--gravity", 3)
         if gravity is not None and not any(gravity):
             raise InvalidInput("--gravity", self.gravity, "a direction, such as 0,0,-1")
         links = [link.strip() for text in self.without_shape or () for link in text.split(",")] or None
         arm = optik.load(
-            name or self.robot, tip=self.tip, base=self.base, values=read_held(self.values), gravity=gravity,
-            without_shape=links,
+            name, tip=self.tip, base=self.base, values=read_held(self.values), gravity=gravity, without_shape=links,
+            package_dirs=None if self.package_dir is None else [self.package_dir], srdf=self.srdf,
         )  # fmt: skip
         if arm.source.endswith(TIP_ADVICE):
             err_console.print(name_robot_options(arm.source), soft_wrap=True)
         return arm
+
+
+@dataclass(frozen=True, kw_only=True)
+class RobotCommand(FileCommand):
+    """A command on a robot."""
+
+    robot: str = option(
+        "Robot",
+        "A name from `optik robots`, a file (.urdf, .xacro, .toml, .json or .py), or robot_descriptions:NAME_description.",
+        "paper6r", "--robot", "-r",
+    )  # fmt: skip
+
+    def load(self, name: str = "") -> optik.Robot:
+        """Load the robot, or the one that is named."""
+        return self.load_file(name or self.robot)
 
 
 class Start(NamedTuple):
@@ -288,7 +298,7 @@ class StartCommand(RobotCommand):
         from optik.arm.library import read_home
 
         home, factors = read_home(self.robot), unit_factors(arm)
-        q = sample_start(arm) if home is None else from_maker(arm, home / factors)
+        q = optik.choose_start(arm) if home is None else from_maker(arm, home / factors)
         why = "a sample, because it has no home_deg" if home is None else "its home_deg"
         return Start(
             arm,
@@ -402,45 +412,6 @@ def join_options(limits: Sequence[str], with_values: bool) -> str:
         if with_values
         else ", ".join(f"--{name}" for name in limits)
     )
-
-
-def translate(words: str) -> str:
-    """Return a message of the library with degrees, millimetres and options in place of radians and Python arguments."""
-
-    def scale(match: re.Match[str]) -> str:
-        factor, unit = (180.0 / np.pi, "°") if match["unit"] == "rad" else (1e3, " mm")
-        values = re.sub(NUMBER, lambda number: f"{float(number[0]) * factor:.4g}", match["values"])
-        return values + unit
-
-    words = re.sub(rf"(?P<values>\[{NUMBER}(?:, {NUMBER})+\]) (?P<unit>rad|m)\b", scale, words)
-    words = re.sub(rf"(?P<values>{NUMBER}) (?P<unit>rad)\b(?!/)", scale, words)
-    words = name_robot_options(name_options(words, TRANSLATED))
-    for python, typed in (("q_start", "--start-deg"), ("optik.solve_ik with closest=True", "optik ik --closest"),
-                          ("time_limit", "--time-limit"), ("with_limits sets them", "only <limit> is read")):  # fmt: skip
-        words = words.replace(python, typed)
-    return words.replace(" (max_restarts)", "")  # no option of `optik plan`
-
-
-def name_options(words: str, names: str) -> str:
-    """Return a message with options in place of Python arguments, such as --tip tool0 for tip='tool0'."""
-
-    def join(match: re.Match[str]) -> str:
-        values = [quoted or plain for quoted, plain in re.findall(r"'([^']+)'|([-+.\w]+)", match[2])]
-        value = "none" if match[2] == "()" else ",".join(values)
-        return f"--{match[1].replace('_', '-')}{'-deg' * (match[1] == 'start')} {value}".rstrip()
-
-    return re.sub(rf"(?<![\w#&])({names})=(?!LINK|X,Y,Z)(\([^)]*\)|'[^']*'|[^ ,;)]*)", join, words)
-
-
-def name_robot_options(words: str) -> str:
-    """Return a message about the file of a robot with options in place of Python arguments."""
-    held = re.compile(r"values=\{([^}]*)\}")
-    words = held.sub(lambda match: re.sub(r"'([^']+)': ", r"--hold \1=", match[1]).replace(", --", " --"), words)
-    for python, typed in (("package_dirs=, on the command line --package-dir", "--package-dir"),
-                          ("srdf=, or shapes.with_apart", "#srdf=FILE behind the robot's file"),
-                          ("a file, or shapes.with_part", "files in STL or OBJ")):  # fmt: skip
-        words = words.replace(python, typed)
-    return name_options(words, "tip|base|gravity|without_shape")
 
 
 def print_json(data: Any) -> None:

@@ -20,10 +20,10 @@ from benchmarks.cli.command import (
     option,
     out_console,
     print_json,
-    translate,
 )
 from benchmarks.cli.plan import MOTION_SUFFIXES
 from benchmarks.cli.readers import ALLOW_HELP, read_allowed
+from benchmarks.cli.words import translate
 from optik.arm.model import unit_factors, unit_names
 from optik.errors import InvalidInput, NoSolution
 from optik.file_io import write_atomically

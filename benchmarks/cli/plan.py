@@ -29,7 +29,7 @@ from optik.arm.motors import maker_joints
 from optik.check import check_number
 from optik.errors import InvalidInput
 from optik.file_io import write_atomically
-from optik.plugins.files import is_path, split_links
+from optik.plugins.files import split_links
 from optik.registry import names
 from optik.types import Array
 
@@ -92,9 +92,6 @@ class SceneCommand(RobotCommand):
 class PlanCommand(MotionCommand, SceneCommand):
     """A command that plans a motion along a path, certifies it, and writes it."""
 
-    package_dir: str | None = option(
-        "Robot", "Folder of ROS packages for package:// meshes of a URDF, whose collision shapes are then loaded."
-    )
     payload: str | None = option("Robot", "Mass of the payload [kg], or an interval: 0:3.")
     samples: int = option("Method", "Number of samples of the path for inverse kinematics.", 151)
     branch: str | None = option(
@@ -231,12 +228,6 @@ class PlanCommand(MotionCommand, SceneCommand):
 
     def load(self, name: str = "") -> optik.Robot:
         """Load the robot with its payload."""
-        name = name or self.robot
-        if self.package_dir is not None:
-            path, links = split_links(name)
-            if not is_path(name) or not path.lower().endswith((".urdf", ".xml", ".xacro")):
-                raise InvalidInput("--package-dir", f"{name}, which is not a URDF", "a robot from a URDF")
-            name = f"{path}#{links}{'&' if links else ''}packages={self.package_dir}"
         arm, payload = super().load(name), self.payload
         if payload is None:
             return arm

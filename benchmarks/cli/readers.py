@@ -29,8 +29,6 @@ ALLOW_HELP = (
     "path is missing), not_proved (a bound is neither violated nor proved)."
 )
 """Help of ``--allow``."""
-START_SAMPLES = 64
-"""Number of random configurations; the best-conditioned one is the start of an arm without home_deg."""
 
 
 def read_configuration(arm: optik.Robot, text: str, name: str = "--start-deg") -> Any:
@@ -153,19 +151,6 @@ def read_freedoms(arm: optik.Robot, texts: list[str]) -> dict[str, Any]:
 def format_numbers(values: Any) -> str:
     """Return numbers as one argument of a command, rounded to 0.001."""
     return ",".join(f"{round(float(value), 3) + 0.0:g}" for value in values)
-
-
-def sample_start(arm: optik.Robot) -> Any:
-    """Return the best-conditioned of 64 fixed random configurations inside the joint ranges and without self-contact."""
-    q = np.round(arm.limits.sample(np.random.default_rng(0), START_SAMPLES) * unit_factors(arm), 1) / unit_factors(arm)
-    q = arm.limits.clip(q)
-    if arm.shapes is not None and not arm.shapes.unread:
-        from optik.scene.contact import find_nearest_pairs
-
-        free = find_nearest_pairs(arm, optik.Scene(), q)[0] > 0.0
-        q = q[free] if free.any() else q
-    sigma = arm.singular_values(q)
-    return q[np.argmax(sigma[:, -1] / sigma[:, 0])]
 
 
 def read_allowed(texts: list[str] | None) -> tuple[str, ...]:

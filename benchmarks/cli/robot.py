@@ -12,7 +12,7 @@ from rich.table import Table
 import optik
 from benchmarks.cli.command import (
     Q_DEG,
-    JsonCommand,
+    FileCommand,
     RobotCommand,
     StartCommand,
     argument,
@@ -23,12 +23,13 @@ from benchmarks.cli.command import (
     out_console,
     print_json,
 )
-from benchmarks.cli.readers import load_or_error, read_joint_values, read_numbers
+from benchmarks.cli.readers import format_numbers, load_or_error, read_joint_values, read_numbers
 from optik.arm.limits import LIMIT_TOLERANCE
 from optik.arm.model import unit_factors, unit_names
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
 from optik.ik import IKResult
+from optik.ik.start import wind_near
 from optik.registry import short_name
 from optik.task import POSE
 
@@ -37,7 +38,7 @@ TASKS = ("pose", "position", "rotation", "axis_x", "axis_y", "axis_z")
 
 
 @dataclass(frozen=True, kw_only=True)
-class RobotsCommand(JsonCommand):
+class RobotsCommand(FileCommand):
     """List the robots of optik and of installed packages, with the error of each that cannot be loaded; or show one."""
 
     name: str | None = optional(
@@ -47,7 +48,7 @@ class RobotsCommand(JsonCommand):
     def run(self) -> None:
         """Print the robots, or one of them."""
         if self.name is not None:
-            arm = optik.load(self.name)
+            arm = self.load_file(self.name)
             if self.as_json:
                 print_json(arm.to_dict())
             else:
@@ -136,6 +137,7 @@ class IkCommand(StartCommand):
     def run(self) -> None:
         """Solve and print; exit with status 1 without a solution."""
         from optik import se3
+        from optik.arm.urdf import roll_pitch_yaw
 
         position, rpy_deg, quat = read_numbers(self.xyz, "--xyz", 3), self.rpy_deg.strip(), self.quat.strip()
         if rpy_deg and quat:
@@ -154,11 +156,15 @@ class IkCommand(StartCommand):
             start.arm, se3.pose(R, position), start.q, self.solver, max_restarts=self.max_restarts, task=task,
             closest=self.closest,
         )  # fmt: skip
+        result = result._replace(q=wind_near(start.arm, result.q, start.q))
         start.print_default()
         if self.task is None and not oriented:
             words = f"{start.arm.name} has {start.arm.n} joints and no orientation is given: --task position"
             err_console.print(words, soft_wrap=True)
         (_print_ik_json if self.as_json else _print_ik)(start.arm, result, short_name(self.solver))
+        if not (self.as_json or rpy_deg or quat or task == "position"):
+            taken = format_numbers(np.degrees(roll_pitch_yaw(R)))
+            out_console.print(f"orientation: that of the start, --rpy-deg {taken}", soft_wrap=True)
         if not result:
             if not self.as_json:
                 said = f"{result.message}; " if result.message else ""

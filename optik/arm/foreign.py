@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from optik.arm.robot import Robot
+from optik.arm.shapes.meshes import Folders, MeshFolders, find_package
 from optik.errors import InvalidInput, MissingDependency
 from optik.plugins.files import check_code_allowed
 
@@ -58,20 +59,31 @@ def find_description(name: str) -> Description:
     return Description(Path(file), getattr(found, "XACRO_ARGS", {}), tuple(packages))
 
 
-def expand_xacro(file: Path, arguments: Mapping[str, str], packages: Sequence[str] = ()) -> str:
-    """Return the URDF text of a xacro file, whose expressions are run."""
+def expand_xacro(file: Path, arguments: Mapping[str, str], packages: Folders = None) -> str:
+    """Return the URDF text of a xacro file, whose expressions are run; packages are also searched above and beside it."""
     check_code_allowed(file)
     try:
         from xacrodoc import XacroDoc
         from xacrodoc import packages as known
     except ModuleNotFoundError:
         raise MissingDependency("xacrodoc", f"{file.name}", "robots") from None
-    try:
-        known.look_in([str(folder) for folder in packages])
-        return str(XacroDoc.from_file(str(file), subargs=dict(arguments)).to_urdf_string())
-    except Exception as error:  # xacro raises what its expressions raise
-        words = " ".join(str(error).split())[:160] or type(error).__name__
-        raise InvalidInput("robot", f"{file.name}: {words}", "a xacro file that can be expanded") from error
+    known.reset()  # packages of another file may have the same names
+    folders = () if isinstance(packages, Mapping) else [Path(folder) for folder in packages or ()]
+    known.look_in([str(folder) for folder in folders])
+    known.update_package_cache(dict(packages) if isinstance(packages, Mapping) else {})
+    while True:
+        try:
+            made = XacroDoc.from_file(str(file), subargs=dict(arguments), resolve_packages=False)
+            return str(made.to_urdf_string())
+        except Exception as error:  # xacro raises what its expressions raise
+            words = " ".join(str(error).split())[:160] or type(error).__name__
+            missing = re.search(r"Package not found: ([-\w]+)", str(error))
+            folder = missing and find_package(missing[1], file.absolute().parent, folders)
+            if not missing or folder is None:
+                advice = "name the folder of its package (package_dirs=, on the command line --package-dir)"
+                got, expected = f"{file.name}: {words}", "a xacro file that can be expanded"
+                raise InvalidInput("robot", got, expected, advice=advice if missing else "") from error
+            known.update_package_cache({missing[1]: folder})
 
 
 def load_description(name: str, links: dict[str, Any]) -> Robot:
@@ -84,16 +96,21 @@ def load_urdf(
     file: Path, links: dict[str, Any], arguments: Mapping[str, str] | None = None, folders: Sequence[str] = ()
 ) -> Robot:
     """Read a robot from a URDF or a xacro file, with arguments for xacro and folders of its packages."""
-    options = _urdf_options({key: value for key, value in links.items() if key in (*URDF_OPTIONS, "values")})
-    others = {key: value for key, value in links.items() if key not in (*URDF_OPTIONS, "values")}
-    packages = [*folders, *options.pop("package_dirs", ())]
+    known = (*URDF_OPTIONS, "values", "package_dirs")
+    options = _urdf_options({key: value for key, value in links.items() if key in known})
+    others = {key: value for key, value in links.items() if key not in known}
+    given = options.pop("package_dirs", None)
+    packages = given if isinstance(given, Mapping) else [*folders, *(given or ())]
     source: str | Path = file
     if file.suffix.lower() == ".xacro":
         source = expand_xacro(file, {**(arguments or {}), **others}, packages)
+        options["shapes"] &= "shapes" in links or "<collision" in source  # its packages may have other things
     elif others:
         raise InvalidInput("robot", "&".join(f"{key}={value}" for key, value in others.items()), URDF_SYNTAX)
     try:
-        return Robot.from_urdf(source, package_dirs=packages if packages and options["shapes"] else None, **options)
+        if options["shapes"]:
+            options["package_dirs"] = MeshFolders(file.absolute().parent, packages)
+        return Robot.from_urdf(source, **options)
     except InvalidInput as error:
         where = f"robot {str(file)!r}" if error.argument == "source" else error.argument
         raise InvalidInput(where, error.got, error.expected, advice=error.advice) from None
@@ -118,7 +135,7 @@ def _urdf_options(links: dict[str, Any]) -> dict[str, Any]:
     if isinstance(text := links.get("without_shape"), str):
         options["without_shape"] = text.split(",")
     if "packages" in links:
-        options["package_dirs"] = [links["packages"]]
-    implied = "yes" if {"srdf", "packages", "without_shape"} & set(links) else "no"
+        options.setdefault("package_dirs", [links["packages"]])
+    implied = "yes" if {"srdf", "packages", "package_dirs", "without_shape"} & set(links) else "no"
     options["shapes"] = links.get("shapes", implied) == "yes"
     return options

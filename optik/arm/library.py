@@ -79,6 +79,7 @@ from optik.arm.model import DHRow
 from optik.arm.plain import read_list, read_pose, read_record, read_vector, read_word
 from optik.arm.robot import Robot
 from optik.arm.shapes import Shapes
+from optik.arm.shapes.meshes import Folders
 from optik.check import check_count, check_flag, check_number, check_words, format_value, locate_error
 from optik.errors import InvalidInput
 from optik.file_io import decode_text, parse_toml, read_bytes
@@ -117,7 +118,7 @@ LINK_KEYS = ("mass_kg", "com_mm", "inertia", "motor", "viscous", "coulomb")
 def load(
     name: str | os.PathLike[str], *, tip: str | None = None, base: str | None = None,
     values: Mapping[str, float] | None = None, gravity: ArrayLike | None = None, without_shape: Sequence[str] | None = None,
-    shapes: bool | None = None,
+    shapes: bool | None = None, package_dirs: Folders = None, srdf: str | os.PathLike[str] | None = None,
 ) -> Robot:  # fmt: skip
     """Load a robot by name or from a file.
 
@@ -131,11 +132,14 @@ def load(
         elements, with ``packages=FOLDER`` for a folder of packages, ``srdf=FILE``, ``without_shape=LINK,LINK``, and
         arguments of xacro.
     tip, base, values, without_shape : str, str, mapping of str to float, and sequence of str, optional
-        For a URDF, as in `Robot.from_urdf`; ``without_shape`` implies that shapes are read.
+        For a URDF, as in `Robot.from_urdf`.
     gravity : (3,) array, optional
         Direction of gravity in the base frame [1], in place of the file's.
     shapes : bool, optional
-        Whether the <collision> elements of a URDF are read; by default as the options behind its path say.
+        Whether the <collision> elements of a URDF are read; by default as the options behind its path say, or if one of
+        the arguments about them is given: ``without_shape``, ``package_dirs``, ``srdf``.
+    package_dirs, srdf : mapping of str to path or sequence of paths, and str or path, optional
+        For a URDF, as in `Robot.from_urdf`; the packages are those of xacro, too.
 
     Returns
     -------
@@ -153,7 +157,7 @@ def load(
     if not isinstance(name, str | os.PathLike):
         raise InvalidInput("name", repr(name)[:60], "a name from optik.robots(), or the path of a file")
     options: dict[str, Any] = {"tip": tip, "base": base, "values": values, "gravity": gravity}
-    options["without_shape"] = without_shape
+    options |= {"without_shape": without_shape, "package_dirs": package_dirs, "srdf": srdf}
     if shapes is not None:
         options["shapes"] = "yes" if check_flag(shapes, "shapes") else "no"
     return _load(name, {key: value for key, value in options.items() if value is not None})

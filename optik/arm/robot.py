@@ -198,7 +198,7 @@ class Robot(ArmDynamics):
             base, which stand at 0. If one of them moves, a MovingMountWarning names it.
         shapes, package_dirs : bool, and mapping of str to path or sequence of paths, optional
             Enclose the <collision> elements by capsules; by default not. Folders of their meshes besides the file's own:
-            {package: folder}, or folders that contain packages.
+            {package: folder}, or folders that contain packages; a package is also found above the file, and beside that.
         srdf : str or path, optional
             File, or its text, whose ``disable_collisions`` name links that are not checked against each other.
         values : mapping of str to float, optional

@@ -21,6 +21,10 @@ NO_TOOL = re.compile(
     r"camera|optical|(^|_)(imu|range)(_|$)|accelero|sensor|laser|lidar|inertia|finger|_sc$", re.IGNORECASE
 )
 """Names of links that are no tool: sensors, fingers, and shapes for self-collision."""
+SIDE_JOINTS = 2
+"""Bodies in a row with a joint that leads nowhere, such as one for a stiffness, behind which the same is no hand."""
+CONTENT = ("inertial", "visual", "collision")
+"""Elements of a link that is more than a frame."""
 TIP_ADVICE = "; tip= selects another"
 """End of the sentence on a tip that was chosen by a rule."""
 
@@ -62,20 +66,32 @@ def _find_ends(tree: Tree, base: str) -> list[Tip]:
             joint = tree.above[link]
             below[joint.parent] = max(below[joint.parent], below[link] + (joint.kind != "fixed"))
     ends: list[Tip] = []
-    todo = [(base, 0)]
+    todo = [(base, 0, 0)]
     while todo:
-        link, joints = todo.pop()
+        link, joints, aside = todo.pop()
         body = _list_body(tree, link)
         branches = [tree.above[child] for name in body for child in tree.below.get(name, ())]
-        branches = [joint for joint in branches if joint.kind != "fixed"]
+        branches = _drop_dummies(tree, [joint for joint in branches if joint.kind != "fixed"])
         branches.sort(key=lambda joint: -below[joint.child])
         lengths = [1 + below[joint.child] for joint in branches]
         similar = [joint for joint, length in zip(branches, lengths, strict=True) if 2 * length > lengths[0]]
-        if joints and _is_end(tree, body, similar, lengths[0] <= joints if branches else True):
+        is_short = not branches or (lengths[0] <= joints and aside < SIDE_JOINTS)
+        if joints and _is_end(tree, body, similar, is_short):
             ends += _choose_links(tree, body, branches, joints)
         else:
-            todo += [(joint.child, joints + 1) for joint in reversed(similar)]
+            others = zip(branches[1:], lengths[1:], strict=True)
+            aside = aside + 1 if any(length == 1 and "mimic" not in j.element for j, length in others) else 0
+            todo += [(joint.child, joints + 1, aside) for joint in reversed(similar)]
     return ends
+
+
+def _drop_dummies(tree: Tree, branches: list[Joint]) -> list[Joint]:
+    """Return branches without those that move frames only, such as joints for a stiffness, if others move more."""
+    full = [
+        joint for joint in branches
+        if any(tree.parts(link, tag) for link in tree.list_below(joint.child) for tag in CONTENT)
+    ]  # fmt: skip
+    return full or branches
 
 
 def _list_body(tree: Tree, link: str) -> list[str]:
@@ -97,15 +113,15 @@ def _is_end(tree: Tree, body: list[str], branches: list[Joint], short: bool) -> 
 
 
 def _is_named(link: str, name: str) -> bool:
-    """Return whether a link has a name, or this name behind a prefix."""
-    return re.fullmatch(rf"(.*[_/\-.])?{name}", link) is not None
+    """Return whether a link that is no camera has a name, or this name behind a prefix."""
+    return "camera" not in link.lower() and re.fullmatch(rf"(.*[_/\-.])?{name}", link) is not None
 
 
 def _choose_links(tree: Tree, body: list[str], branches: list[Joint], joints: int) -> list[Tip]:
     """Return the link of a body that is the tip, or all candidates if no rule decides."""
     for name in TOOL_NAMES:
         if found := [link for link in body if _is_named(link, name)]:
-            return [Tip(link, joints, "chosen by its name") for link in found]
+            return [Tip(link, joints, "chosen by its name") for link in ([name] if name in found else found)]
     carrying, leaves = {joint.parent for joint in branches}, []
     for link in reversed(body):
         if link == body[0] or link in carrying or not NO_TOOL.search(link):

@@ -22,6 +22,7 @@ from optik.arm.limits import LARGEST_LIMIT, JointLimits, VelocityByPosition, war
 from optik.arm.linkage import Linkage
 from optik.arm.model import ArmModel
 from optik.arm.motors import refuse_motors
+from optik.arm.placeholders import warn_of_placeholders
 from optik.arm.tips import find_tip
 from optik.arm.urdf_tree import Joint, Tree, join_names, joint_origin, origin_pose, read_number, read_tree, read_triple
 from optik.check import check_flag, check_words
@@ -85,6 +86,7 @@ def read_urdf(
     chain = [tree.above[joint.child] for joint in chain]
     down = _find_gravity(tree, base) if gravity is None else np.asarray(gravity)
     arm, placed = _arm(tree, chain, down, f"URDF {tree.name!r}, from {base} to {tip}{reason}")
+    warn_of_placeholders(arm, [joint for joint in chain if joint.kind != "fixed"])
     if gravity is None:
         _warn_of_moving_mount(tree, base)
     if folders is None:

@@ -48,7 +48,7 @@ Bodies = tuple[Capsules, Objects, Indices, Hulls]
 that kind; and the hulls of both. Of two capsules of the arm the first is on the later link."""
 HULLS_FROM = 0.01
 """Room of capsules [m] up to which the hulls decide: above 0, so that the room has no steps where capsules begin to touch."""
-ALLOWED, STILL = "allowed by the scene", "neither moves"
+ALLOWED, STILL, TOUCHING = "allowed by the scene", "neither moves", "neither moves: in contact"
 """Reasons why a capsule and an object are not checked."""
 
 
@@ -81,10 +81,12 @@ def find_pairs(robot: Robot, scene: Scene) -> Pairs:
     names = [(shapes.names[k], scene.names[column[j]]) for k, j in met]
     names += [(shapes.names[k], shapes.names[i]) for k, i, _ in own]
     left = {(shapes.names[k], "scene"): STILL for k in np.flatnonzero(link == 0) if scene.names}
+    hulls = _find_hulls(shapes, scene)
+    left |= _find_still_contacts(robot, scene, kinds, column, hulls)
     left |= {(shapes.names[k], scene.names[j]): ALLOWED for k, j in np.argwhere(~examined).tolist() if link[k]}
     left_out = (*((*pair, why) for pair, why in left.items()), *shapes.left_out)
     bodies = np.array([(k, *kinds[j]) for k, j in met] + own, np.int64).reshape(-1, 3)
-    return Pairs(bodies, tuple(names), left_out, _find_hulls(shapes, scene))
+    return Pairs(bodies, tuple(names), left_out, hulls)
 
 
 def _find_hulls(shapes: Shapes, scene: Scene) -> Hulls:
@@ -105,6 +107,21 @@ def _find_hulls(shapes: Shapes, scene: Scene) -> Hulls:
     kinds[list(found)] = len(own) + np.append(0, np.cumsum([len(of) for of in found.values()]))[:-1]
     kinds[CLOUD] = kinds[MESH]  # parts of clouds are numbered after the meshes
     return pack_hulls([*own, *((0, one) for of in found.values() for one in of)], kinds)
+
+
+def _find_still_contacts(
+    robot: Robot, scene: Scene, kinds: list[tuple[int, int]], column: Indices, hulls: Hulls
+) -> dict[tuple[str, str], str]:
+    """Return the names of shapes that the arm does not move, such as those of a held arm, and of objects that they touch."""
+    assert robot.shapes is not None
+    shapes, examined, found = robot.shapes, scene.pair_mask(robot), dict[tuple[str, str], str]()
+    room, which, at = np.empty(1), np.empty(1, np.int64), robot.spread(robot.limits.middle[None])
+    for k, j in np.argwhere(examined & (shapes.capsules[0] == 0)[:, None]).tolist():
+        bodies = np.array([(k, *kinds[i]) for i in np.flatnonzero(column == j)], np.int64)
+        rooms_batch(robot.axes.chain, (shapes.capsules, scene.arrays, bodies, hulls), at, 0.0, room, which)
+        if room[0] <= 0.0:
+            found[shapes.names[k], scene.names[j]] = TOUCHING
+    return found
 
 
 def scene_for(robot: Robot, scene: Scene | None, arms: Iterable[Robot]) -> Scene | None:

@@ -338,7 +338,7 @@ def tool_facts(proof: Certificate) -> list[tuple[str, str]]:
     facts.append(("smallest singular value", f"{proof.singular_value:.3g}"))
     if proof.clearance is not None and proof.clearance.kinds:
         kinds = (f"{words} {kind.describe()}" for words, kind in proof.clearance.kinds.items())
-        facts.append(("clearance", "; ".join(kinds)))
+        facts.append(("clearance", "; ".join([*kinds, *filter(None, [proof.clearance.note])])))
     return facts
 
 

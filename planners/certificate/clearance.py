@@ -9,7 +9,7 @@ import numpy as np
 
 from optik.arm.robot import Robot
 from optik.scene import Scene
-from optik.scene.contact import bodies_of, check_scene, find_pairs
+from optik.scene.contact import TOUCHING, bodies_of, check_scene, find_pairs
 from optik.types import Flags
 from planners.certificate.bounds import NARROWEST_SHARE, axes_motion
 from planners.certificate.clearance_search import search
@@ -89,6 +89,12 @@ class Clearance:
         """The examined kinds of pairs, by words: ``"to the scene"`` and ``"between links"``."""
         kinds = (("to the scene", self.scene), ("between links", self.own))
         return {words: kind for words, kind in kinds if kind is not None}
+
+    @property
+    def note(self) -> str:
+        """A note on shapes and objects that are in contact although neither moves, such as a held arm; else empty."""
+        touching = [f"{one} and {other}" for one, other, why in self.left_out if why == TOUCHING]
+        return f"in contact, though neither moves: {', '.join(touching)}" if touching else ""
 
     @property
     def nearest(self) -> Closest:

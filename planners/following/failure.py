@@ -29,6 +29,8 @@ EXACT_TOLERANCE = Tolerance(1e-9, 1e-9)
 """Tolerance [m, rad] with which an arm of fewer than six joints reaches a pose: it nearly reaches many others."""
 RANK_DRAWS = 20
 """Random configurations at which the rank of an arm is computed; almost all configurations have the same."""
+ASKED = ": is the path discontinuous?"
+"""Question of a failure at a regular configuration; the search along the whole path answers it."""
 ZERO_FRACTION = 1e-10
 """A singular value below this fraction of the largest is rounding."""
 
@@ -172,7 +174,7 @@ def _explain_beyond(
     result = optik.solve_ik(robot, beyond, robot.limits.clip(q))
     this = "this branch" if robot.n <= 6 else "this null-space motion"
     if result and sigma > CLEARLY_REGULAR:
-        words = f"no continuous motion continues at {at}, where the arm is not singular: is the path discontinuous?"
+        words = f"no continuous motion continues at {at}, where the arm is not singular{ASKED}"
         return FollowStatus.BRANCH_JUMP, words
     close = f": the smallest singular value comes to {march.SMALLEST_SINGULAR_VALUE:g} or below"
     singular = f"the arm is singular at {at}{close if ended.code == march.SINGULAR else f', {this} ends there'}"

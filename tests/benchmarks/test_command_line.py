@@ -11,14 +11,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from typer.main import get_command
 
 import optik
 import planners
 from benchmarks.cli.app import app
-from benchmarks.cli.command import translate
-from benchmarks.cli.readers import START_SAMPLES, sample_start
 from benchmarks.cli.runs import FEWEST_PARTS, make_progress, update_progress
+from benchmarks.cli.words import translate
 from optik.arm.library import read_home, robot_from_toml
 from optik.arm.model import unit_factors
 from optik.errors import InvalidInput
@@ -153,26 +153,32 @@ def test_a_position_alone_is_a_position_for_arms_with_fewer_joints_than_a_pose(t
     assert "--task" not in typed("ik", "-r", "ur5e", "--xyz", "0.3,0.2,0.4")[2]
 
 
-def test_a_urdf_starts_at_the_best_conditioned_of_some_samples(typed: Any, tmp_path: Path) -> None:
+def test_a_urdf_starts_where_the_library_does(typed: Any, tmp_path: Path) -> None:
     arm = optik.load("ur5e")
     arm.to_urdf(tmp_path / "arm.urdf")
     _, _, said = typed("ik", "-r", str(tmp_path / "arm.urdf"), "--xyz", "0.3,0.2,0.4")
     found = re.search(r"has no home_deg: --start-deg (\S+)", said)
     assert found
     q = np.array([float(x) for x in found[1].split(",")]) / unit_factors(arm)
-    drawn = arm.limits.sample(np.random.default_rng(0), START_SAMPLES)
-    sigma = np.array([np.linalg.svd(J, compute_uv=False) for J in arm.jacobian(np.vstack([q, drawn]))])
-    conditioned = sigma[:, -1] / sigma[:, 0]
-    assert conditioned[0] > 0.99 * conditioned[1:].max()
+    np.testing.assert_allclose(q, optik.choose_start(optik.load(tmp_path / "arm.urdf")), atol=1e-12)
 
 
-def test_the_sampled_start_is_free_of_self_contact_and_inside() -> None:
-    for name in ("panda", "ur5e", "iiwa14", "puma560"):
-        arm = optik.load(name)
-        q = sample_start(arm)
-        assert arm.limits.contains(q)
-        assert find_contact(arm, optik.Scene(), q).distance > 0.0
-    assert optik.load("irb910sc").limits.contains(sample_start(optik.load("irb910sc")))
+def test_ik_names_the_orientation_of_the_start_and_turns_no_joint_by_a_whole_turn(typed: Any, tmp_path: Path) -> None:
+    arm = optik.load("ur5e")
+    arm.to_urdf(tmp_path / "arm.urdf")
+    words = ("ik", "-r", str(tmp_path / "arm.urdf"))
+    q = optik.choose_start(arm)
+    for x, y, z in arm.fk(arm.limits.sample(np.random.default_rng(2), 12))[:, :3, 3]:
+        typed_place = (*words, "--xyz", f"{x:.3f},{y:.3f},{z:.3f}")
+        _, out, _ = typed(*typed_place)
+        taken = re.search(r"orientation: that of the start, --rpy-deg (\S+)", out)
+        assert taken
+        R = Rotation.from_euler("xyz", [float(a) for a in taken[1].split(",")], degrees=True).as_matrix()
+        np.testing.assert_allclose(R, arm.fk(q)[:3, :3], atol=2e-5)
+        found = np.deg2rad([float(a) for a in re.findall(r"│ ([-+]\d+\.\d+)°", out)])
+        assert found.size == arm.n and np.abs(found - q).max() <= np.pi + 1e-6
+    assert "orientation:" not in typed(*typed_place, "--rpy-deg", "0,0,0")[1]
+    assert "orientation:" not in typed(*typed_place, "--task", "position")[1]
 
 
 # ---------------------------------------------------------------- fk and ik
@@ -258,7 +264,7 @@ def test_meshes_of_packages_are_found_and_the_way_to_shapes_is_said(typed: Any, 
     assert status == 0, said
     words[3] = str(arm)
     assert typed(*words, "--package-dir", str(tmp_path / "ws"))[0] == 0
-    assert "is not a URDF" in typed("plan", "line", "--package-dir", str(tmp_path))[2]
+    assert "is no URDF" in typed("plan", "line", "--package-dir", str(tmp_path))[2]
 
 
 TWO_ENDS = """<robot name="two"><link name="base"/><link name="arm"/><link name="tool0"/><link name="ee"/>

@@ -14,7 +14,6 @@ import pytest
 import optik
 from benchmarks.cli.command import Start
 from benchmarks.cli.plan import choose_branch
-from benchmarks.cli.readers import sample_start
 from benchmarks.report import write_report
 from benchmarks.run import run_suite
 from benchmarks.suite import load_suite
@@ -72,7 +71,7 @@ def test_a_tip_that_must_be_named_is_asked_for_with_the_limits(tmp_path: Path, t
 
 def test_the_default_start_reaches_a_decimetre_in_every_direction(two_tools: Path) -> None:
     robot = optik.load(two_tools)
-    q = sample_start(robot)
+    q = optik.choose_start(robot)
     T, limits, solved = robot.fk(q), MotionLimits.of(robot, acceleration=10.0, jerk=100.0), 0
     for direction in itertools.product((-1.0, 0.0, 1.0), repeat=3):
         if any(direction):
@@ -119,6 +118,56 @@ def test_a_xacro_file_is_expanded_with_its_arguments(tmp_path: Path) -> None:
         optik.load(file)
     with pytest.raises(InvalidInput, match="options of a URDF"):
         optik.load(f"{REPOSITORY / 'examples' / 'arm.urdf'}#length=3")
+
+
+def test_packages_of_a_xacro_file_are_found_beside_its_own(tmp_path: Path, typed: Typed) -> None:
+    values = "<robot xmlns:xacro='http://www.ros.org/wiki/xacro'><xacro:property name='far' value='{}'/></robot>"
+    head, include = XACRO.split("<xacro:arg", 1)[0], '<xacro:include filename="$(find arm_values)/far.xacro"/>'
+    ball = '<collision><geometry><mesh filename="package://arm_values/ball.obj"/></geometry></collision>'
+    joint = '<joint name="j" type="revolute"><parent link="base"/><child link="tool"/><origin xyz="${far} 0 0"/>'
+    limit = '<limit lower="-2" upper="2" velocity="3" effort="10"/></joint></robot>'
+    links = f'<link name="base">{ball}</link><link name="tool"/>'
+    for place, far in (("a", 0.25), ("b", 0.5)):
+        file = tmp_path / place / "arm_support" / "urdf" / "arm.xacro"
+        file.parent.mkdir(parents=True)
+        file.write_text(head + include + links + joint + limit)
+        beside = tmp_path / place / "arm_values"
+        beside.mkdir()
+        (beside / "far.xacro").write_text(values.format(far))
+        (beside / "ball.obj").write_text("v 0 0 0\nv .1 0 0\nv 0 .1 0\nv 0 0 .1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n")
+        arm = optik.load(file, shapes=True)
+        assert arm.fk([0.0])[0, 3] == far and arm.shapes is not None and arm.shapes.m
+    (tmp_path / "b" / "arm_values").rename(tmp_path / "elsewhere")
+    with pytest.raises(InvalidInput, match=r"arm_values.*package_dirs"):
+        optik.load(file)
+    given: list[Any] = [{"arm_values": tmp_path / "elsewhere"}, [tmp_path / "a"]]
+    assert [optik.load(file, package_dirs=dirs).fk([0.0])[0, 3] for dirs in given] == [0.5, 0.25]
+    status, _, said = typed("fk", "10", "-r", str(file))
+    assert status == 2 and "--package-dir" in said and "package_dirs" not in said
+    here = ("--package-dir", str(tmp_path / "a"))
+    for words in (("fk", "10", "-r"), ("ik", "--xyz", "0.25,0,0", "-r"), ("robots",)):
+        status, out, said = typed(*words, str(file), *here)
+        assert status == 0 and (words[0] == "ik" or "0.25" in out or "(250" in out), said
+    suite = tmp_path / "own.toml"
+    assert typed("bench", "new", str(suite), "-r", str(file), *here)[0] == 0
+    assert f"packages={tmp_path / 'a'}" in suite.read_text()
+
+
+def test_pairs_of_an_srdf_are_left_out_by_load_and_by_commands(tmp_path: Path, typed: Typed) -> None:
+    ball = "<collision><geometry><sphere radius='0.05'/></geometry></collision>"
+    text = ARM.replace('<link name="link6"/>', f'<link name="link6">{ball}</link>')
+    text = text.replace('<link name="link3"/>', f'<link name="link3">{ball}</link>')
+    file, srdf = tmp_path / "arm.urdf", tmp_path / "arm.srdf"
+    file.write_text(text)
+    srdf.write_text('<robot name="r"><disable_collisions link1="link3" link2="link6" reason="Never"/></robot>')
+    arm = optik.load(file, srdf=srdf)
+    assert arm.shapes is not None and ("link3", "link6", "Never") in arm.shapes.left_out
+    status, out, _ = typed("robots", str(file), "--srdf", str(srdf), "--tip", "link6", "--json")
+    assert status == 0 and optik.Robot.from_dict(json.loads(out)) == optik.load(file, srdf=srdf, tip="link6")
+    status, _, said = typed("robots", "ur5e", "--srdf", str(srdf))
+    assert status == 2 and "--srdf" in said and "is no URDF" in said
+    with pytest.raises(InvalidInput, match="package_dirs"):
+        optik.load("ur5e", package_dirs=[tmp_path])
 
 
 def test_a_description_is_read_from_the_cache_of_its_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

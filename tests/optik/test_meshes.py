@@ -180,11 +180,12 @@ def test_meshes_are_found_below_their_folders_only(tmp_path):
     for name, words in (
         ("http://x.org/a.stl", "URL"),
         ("ftp://x.org/a.stl", "URL"),
-        ("meshes/a.dae", "STL or OBJ"),
+        ("meshes/a.dae", "does not exist"),
+        ("meshes/a.ply", "STL, OBJ or COLLADA"),
         ("meshes/b.stl", "does not exist"),
         ("package://hand/a.stl", "package_dirs|does not exist"),
         ("meshes/a\0.stl", "name of a file"),
-        ("", "STL or OBJ"),
+        ("", "STL, OBJ or COLLADA"),
     ):
         with pytest.raises(InvalidInput, match=words):
             folders.file(name, "x")
@@ -193,6 +194,68 @@ def test_meshes_are_found_below_their_folders_only(tmp_path):
             MeshFolders(None, [bad])
     with pytest.raises(InvalidInput, match="package_dirs"):
         MeshFolders(None, "packages")
+
+
+def test_a_package_is_found_above_the_file_and_beside_the_folders_above_it(tmp_path):
+    here = tmp_path / "ws" / "arm_support" / "urdf" / "deep"
+    for place in (here / "urdf", tmp_path / "ws" / "arm_support", tmp_path / "ws" / "parts", tmp_path / "parts"):
+        place.mkdir(parents=True, exist_ok=True)
+        (place / "a.stl").write_bytes(binary(1))
+    folders, ws = MeshFolders(here), tmp_path.resolve() / "ws"
+    assert folders.file("package://arm_support/a.stl", "x") == ws / "arm_support" / "a.stl"
+    assert folders.file("model://parts/a.stl", "x") == ws / "parts" / "a.stl", "the nearest"
+    named = MeshFolders(here, {"parts": tmp_path / "parts"})
+    assert named.file("package://parts/a.stl", "x") == tmp_path.resolve() / "parts" / "a.stl", "a named one first"
+    for name, words in (
+        ("package://parts/../arm_support/a.stl", "elsewhere"),
+        ("package://../a.stl", "does not exist.*package_dirs"),
+        ("package:///a.stl", "does not exist"),
+        ("package://none/a.stl", "does not exist.*package_dirs"),
+    ):
+        with pytest.raises(InvalidInput, match=words):
+            folders.file(name, "x")
+
+
+COLLADA = """<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
+<asset><unit name="cm" meter="0.01"/><up_axis>Y_UP</up_axis></asset><library_geometries><geometry id="g"><mesh>
+<source id="p"><float_array id="f" count="12">0 0 0 9 0 0 0 7 0 0 0 5</float_array><technique_common>
+<accessor source="#f" count="4" stride="3"><param name="X" type="float"/><param name="Y" type="float"/>
+<param name="Z" type="float"/></accessor></technique_common></source>
+<vertices id="v"><input semantic="POSITION" source="#p"/></vertices>
+<triangles count="4"><input semantic="VERTEX" source="#v" offset="0"/><p>0 2 1 0 1 3 0 3 2 1 2 3</p></triangles>
+</mesh></geometry></library_geometries><library_visual_scenes><visual_scene id="s"><node><translate>1 2 3</translate>
+<rotate>0 0 1 90</rotate><instance_geometry url="#g"/></node></visual_scene></library_visual_scenes>
+<scene><instance_visual_scene url="#s"/></scene></COLLADA>"""
+
+
+def test_collada_is_read_as_assimp_reads_it_in_metres(tmp_path):
+    coal = pytest.importorskip("coal")
+    file = tmp_path / "a.dae"
+    file.write_text(COLLADA)
+    found = read_mesh(file)
+    other = coal.MeshLoader().load(str(file), np.full(3, 0.01))  # it leaves out the unit
+    wanted = np.array([other.vertices(i) for i in range(other.num_vertices)])
+    assert found.shape == (4, 3, 3)
+    for point in wanted:
+        assert np.abs(found.reshape(-1, 3) - point).max(axis=1).min() < 1e-7
+    assert np.ptp(found.reshape(-1, 3), axis=0) == pytest.approx((0.07, 0.09, 0.05), abs=1e-7)
+
+
+def test_collada_with_parts_that_cannot_be_read_and_without_its_packages_is_refused(tmp_path, monkeypatch):
+    file = tmp_path / "a.dae"
+    for text in (
+        COLLADA.replace("#p", "#none"),
+        COLLADA[:400],
+        COLLADA.replace("<COLLADA", '<!DOCTYPE a [<!ENTITY b "c">]><COLLADA', 1),
+        COLLADA.replace('meter="0.01"', 'meter="inf"'),
+        "PK",
+    ):
+        file.write_text(text)
+        with pytest.raises(InvalidInput):
+            read_mesh(file)
+    monkeypatch.setattr("optik.arm.shapes.meshes.find_spec", lambda name: None)
+    with pytest.raises(InvalidInput, match=r"trimesh and pycollada: pip install 'optik-toolkit\[meshes\]'"):
+        read_mesh(file)
 
 
 # ---------------------------------------------------------------- enclosure

@@ -1,6 +1,7 @@
 """Robot files of other people: the tip that is taken, unused xacro, text that is not UTF-8, and SRDF of MoveIt."""
 
 import itertools
+import re
 
 import numpy as np
 import pytest
@@ -34,6 +35,11 @@ def chain(side, n, parent="link0"):
     return [joint(0, name=f"{side}_j{i}", parent=links[i], child=links[i + 1]) for i in range(n)]
 
 
+def with_stiffness(n):
+    """An arm each of whose links carries a joint beside the chain, as descriptions with a stiffness have."""
+    return tree(n, *(finger(i, f"link{i}", name="stiffness") for i in range(n)))
+
+
 NAMED = "chosen by its name"
 ONLY, LAST, END = "the only end before the hand", "the last link before the hand", "the end of the longest chain"
 HAND = (finger(1, "hand"), finger(2, "hand", MIMIC))
@@ -59,6 +65,16 @@ TIPS = {
     ),
     "a linkage beside the arm": (tree(6, *chain("rod", 2, "link1"), fixed("link6", "tool0")), "tool0", 6, NAMED),
     "an arm on wheels": (tree(6, *(j for i in range(4) for j in chain(f"wheel{i}_", 1))), "link6", 6, END),
+    "joints of a stiffness": (
+        re.sub(r'(<link name="link[0-9]")/>', r'\1><visual/></link>', with_stiffness(7)), "link7", 7, END
+    ),
+    "two flanges, one of this very name": (
+        tree(6, fixed("link6", "maker_flange"), fixed("link6", "flange")), "flange", 6, NAMED
+    ),
+    "a flange for a camera": (
+        tree(6, fixed("link6", "camera_flange"), fixed("link6", "link6_flange")), "link6_flange", 6, NAMED
+    ),
+    "a flange for a camera alone": (tree(6, fixed("link6", "camera_flange"), fixed("link6", "tcp")), "tcp", 6, END),
     "casters and a mast": (tree(8, *chain("caster", 2), *chain("head", 2, "link1")), "link8", 8, END),
 }  # fmt: skip
 
@@ -90,6 +106,9 @@ LISTS = {
     ),
     "two tool0": (
         tree(6, fixed("link6", "a_tool0"), fixed("link6", "b_tool0")), "a_tool0 (6 joints), b_tool0 (6 joints)"
+    ),
+    "joints of a stiffness, without a sign of which": (
+        with_stiffness(7), "link7 (7 joints), stiffness_link6 (7 joints)"
     ),
     "fingers without an arm": (tree(0, *chain("x", 3), *chain("y", 3)), "x3 (3 joints), y3 (3 joints)"),
 }  # fmt: skip

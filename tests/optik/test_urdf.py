@@ -30,6 +30,8 @@ from optik.errors import (
 from tests import oracles
 from tests.robots import BOUNDED
 
+pytestmark = pytest.mark.filterwarnings("ignore:.*velocity 0 of joint")
+"""A joint whose velocity is unknown, among others."""
 LIMIT = '<limit lower="-2" upper="3" effort="1" velocity="1.5"/>'
 PLAIN = f"""<?xml version="1.0"?>
 <robot name="arm">

@@ -41,7 +41,7 @@ def random_mounted(rng: np.random.Generator, *, moving: bool) -> Mounted:
     kinds = rng.choice([*KINDS, "fixed", "fixed"] if moving else ["fixed"], rng.integers(1, 5))
     if moving:
         kinds[rng.integers(kinds.size)] = rng.choice(KINDS)
-    limit = '<limit lower="-3" upper="3" effort="50" velocity="2"/>'
+    limit = '<limit lower="-3" upper="3" effort="5000" velocity="2"/>'
     for i, kind in enumerate(kinds):
         rpy = rng.uniform(-3.2, 3.2, 3) if rng.random() < 0.6 else rng.integers(-2, 3, 3) * (np.pi / 2)
         rest = "" if kind == "fixed" else f'<axis xyz="{_words(rng.normal(size=3))}"/>{limit}'

@@ -193,6 +193,36 @@ def line(first: Array, last: Array) -> Trajectory:
     return Trajectory(quintic_through(np.array([0.0, 1.0]), np.array([first, last]), rest, rest))
 
 
+TWO_ARMS = """<robot name="two"><link name="base"/>{links}
+<joint name="right" type="revolute"><parent link="base"/><child link="arm"/><origin xyz="0 -0.5 0"/><axis xyz="0 0 1"/>
+<limit lower="-2" upper="2" velocity="1" effort="9"/></joint><joint name="wrist" type="revolute"><parent link="arm"/>
+<child link="tip"/><origin xyz="0.3 0 0"/><axis xyz="0 0 1"/><limit lower="-2" upper="2" velocity="1" effort="9"/></joint>
+<joint name="left" type="revolute"><parent link="base"/><child link="other"/><origin xyz="0 0.5 0"/><axis xyz="0 0 1"/>
+<limit lower="-2" upper="2" velocity="1" effort="9"/></joint></robot>""".format(
+    links="".join(
+        f'<link name="{name}"><collision><origin xyz="0.2 0 0"/><geometry><sphere radius="0.05"/></geometry></collision></link>'
+        for name in ("arm", "tip", "other")
+    )
+)
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.3, 1.2])
+@pytest.mark.parametrize("cloud", [True, False])
+def test_a_held_arm_in_contact_with_the_scene_is_noted(angle: float, cloud: bool) -> None:
+    robot = optik.Robot.from_urdf(TWO_ARMS, "tip", shapes=True, values={"left": angle})
+    at, held = np.array([0.2, 0.58, 0.0]), np.array([0.2 * np.cos(angle), 0.5 + 0.2 * np.sin(angle), 0.0])
+    ball = {"clouds": [(at[None], 0.05)]} if cloud else {"spheres": [(at, 0.05)]}
+    touches = bool(np.linalg.norm(at - held) <= 0.1)
+    (name,) = Scene(**ball).names
+    plan = planners.plan(robot, [0.1, 0.2], [0.0, 0.0], limits=LIMITS, scene=Scene(**ball))
+    assert plan and plan.certificate.clearance is not None
+    known = plan.certificate.clearance
+    assert (("other", name, "neither moves: in contact") in known.left_out) == touches
+    assert (f"other and {name}" in known.note) == touches == (known.note in str(plan.certificate) and known.note != "")
+    free = planners.plan(robot, [0.1, 0.2], [0.0, 0.0], limits=LIMITS, scene=Scene(**ball, allow=[("base", name)]))
+    assert free.certificate.clearance is not None and not free.certificate.clearance.note
+
+
 def test_pairs_that_are_left_out_are_named() -> None:
     scene = Scene(boxes=[(pose(panda().fk(REST)[:3, 3]), (0.1, 0.1, 0.1))], allow=[("joint7", "box1")])
     open_ = Scene(boxes=scene.boxes)

@@ -14,7 +14,7 @@ from optik.errors import InvalidInput
 from optik.types import Array
 from planners import Line, MotionLimits, Part, PlanStatus, Polyline, Program, ProgramPlan, follow, free, plan
 from planners.following.collision import CollisionCheck
-from planners.following.failure import FollowStatus, PlanFailure
+from planners.following.failure import ASKED, FollowStatus, PlanFailure
 from planners.following.resolve import Resolution, resolve
 from planners.following.resolve.extend import columns_of, extend
 from planners.following.resolve.graph import Graph, find_edges, join
@@ -224,7 +224,12 @@ def test_a_place_where_configurations_are_is_not_called_unreachable(reached: boo
     before = PlanFailure(FollowStatus.UNREACHABLE, 0.1, None, "first", "")
     failure = Resolution(25, 9, 0, 1, 0.1, (0.1, 0.2), (), "second", reached).explain(before)
     assert failure.status == (FollowStatus.NO_PATH_FOUND if reached else FollowStatus.UNREACHABLE)
-    assert failure.reason == "first; second"
+    assert failure.reason == "second; first"
+    asked = PlanFailure(FollowStatus.BRANCH_JUMP, 0.1, None, f"no motion continues{ASKED}", "")
+    failure = Resolution(25, 9, 0, 1, 0.1, (0.1, 0.2), (), "second", reached).explain(asked)
+    assert failure.status == (FollowStatus.BRANCH_JUMP if reached else FollowStatus.UNREACHABLE)
+    assert failure.reason == "second; no motion continues", "the search answers the question"
+    assert Resolution(25, 9, 0, 1, 0.1).explain(asked) is asked
 
 
 def test_values_on_the_circle_are_wound_and_unwound() -> None:

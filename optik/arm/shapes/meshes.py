@@ -1,10 +1,12 @@
-"""Readers of STL and OBJ meshes, which must lie below given folders."""
+"""Readers of STL, OBJ and COLLADA meshes, which must lie below given folders."""
 
 from __future__ import annotations
 
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from importlib.util import find_spec
+from io import BytesIO
 from pathlib import Path
 from typing import TypeAlias
 from urllib.parse import unquote
@@ -24,6 +26,11 @@ MOST_TRIANGLES = 1_000_000
 
 # Bytes of a binary STL: 80 of text and the number of triangles; normal, three corners and two bytes for each.
 STL_HEADER, STL_TRIANGLE = 84, 50
+
+SUFFIXES = (".stl", ".obj", ".dae")
+"""Suffixes of meshes that are read."""
+COLLADA = ("trimesh", "collada")
+"""Modules that read COLLADA."""
 
 FARTHEST_CORNER = 1e4
 """Largest coordinate in a mesh [m, or its own unit before scaling]."""
@@ -55,8 +62,8 @@ class MeshFolders:
         scheme, separator, rest = name.partition("://")
         if separator and scheme not in ("package", "model", "file"):
             raise InvalidInput(what, f"the mesh {name[:120]!r}", "a mesh in a file, not a URL")
-        if Path(name).suffix.lower() not in (".stl", ".obj"):
-            raise InvalidInput(what, f"the mesh {name[:120]!r}", "a mesh in STL or OBJ")
+        if Path(name).suffix.lower() not in SUFFIXES:
+            raise InvalidInput(what, f"the mesh {name[:120]!r}", "a mesh in STL, OBJ or COLLADA")
         path = unquote(rest) if separator else name
         if "\0" in path:
             raise InvalidInput(what, f"the mesh {name[:120]!r}", "the name of a file")
@@ -74,9 +81,8 @@ class MeshFolders:
         if outside:
             expected = "a mesh below the folder of the description or below package_dirs"
             raise InvalidInput(what, f"the mesh {name[:120]!r}, which lies elsewhere", expected)
-        hint = (
-            "" if candidates else "; name the folder of its package (package_dirs=, on the command line --package-dir)"
-        )
+        asked = "; name the folder of its package (package_dirs=, on the command line --package-dir)"
+        hint = asked if scheme in ("package", "model") and separator else ""
         raise InvalidInput(what, f"the mesh {name[:120]!r}, which does not exist{hint}", "an existing file")
 
     def _in_packages(self, path: str) -> list[tuple[Path, Path]]:
@@ -87,8 +93,8 @@ class MeshFolders:
             found.append((root, root / path))
             if root.name == package:
                 found.append((root, root / inner))
-        if self._beside is not None and not found:
-            found = [(root, root / inner) for root in (self._beside,) if root.name == package]
+        if self._beside is not None and (own := find_package(package, self._beside)) is not None:
+            found.append((own, own / inner))
         return found
 
     def _plain(self, path: str) -> list[tuple[Path, Path]]:
@@ -96,21 +102,29 @@ class MeshFolders:
         return [(root, root / path) for root in roots]  # an absolute path replaces the root
 
 
-def find_mesh_folders(source: str | os.PathLike[str], package_dirs: Folders) -> MeshFolders:
+def find_package(package: str, beside: Path, given: Iterable[Path] = ()) -> Path | None:
+    """Return the folder of a package: first one that is given or in one; then the nearest above a folder or beside these."""
+    near = (place for root in (*given, beside, *list(beside.parents)[:-1]) for place in (root, root / package))
+    return next((place for place in near if place.name == package != ".." and place.is_dir()), None)
+
+
+def find_mesh_folders(source: str | os.PathLike[str], package_dirs: Folders | MeshFolders) -> MeshFolders:
     """Return the folders from which meshes of a description may be loaded, subfolders included."""
+    if isinstance(package_dirs, MeshFolders):  # those of a xacro file, which comes as text
+        return package_dirs
     return MeshFolders(None if is_text(source) else Path(source).absolute().parent, package_dirs)
 
 
 def read_mesh_bytes(file: Path) -> bytes:
     """Read the content of a mesh's file."""
-    expected = f"a mesh in STL or OBJ of at most {MOST_MESH_BYTES // 2**20} MB"
+    expected = f"a mesh of at most {MOST_MESH_BYTES // 2**20} MB"
     return read_bytes(file, argument=f"mesh {file.name!r}", expected=expected, most=MOST_MESH_BYTES)
 
 
 def read_mesh(file: Path) -> Array:
-    """Read the triangles of a mesh in STL or OBJ."""
+    """Read the triangles of a mesh."""
     where, content = f"mesh {file.name!r}", read_mesh_bytes(file)
-    triangles = (_obj if file.suffix.lower() == ".obj" else _stl)(content, where)
+    triangles = {".obj": _obj, ".dae": _collada}.get(file.suffix.lower(), _stl)(content, where)
     if not 1 <= len(triangles) <= MOST_TRIANGLES:
         raise InvalidInput(where, f"{len(triangles):,} triangles", f"1 to {MOST_TRIANGLES:,} triangles")
     if not np.isfinite(triangles).all() or np.abs(triangles).max() > FARTHEST_CORNER:
@@ -155,6 +169,24 @@ def _obj(content: bytes, where: str) -> Array:
     if not faces:
         return np.zeros((0, 3, 3))
     return _floats(corners, where)[np.array(faces, dtype=np.int64)]
+
+
+def _collada(content: bytes, where: str) -> Array:
+    """Read the triangles of a COLLADA file in metres, by its own unit; its upward axis is ignored, as in ROS."""
+    if any(find_spec(module) is None for module in COLLADA):
+        expected = "the packages trimesh and pycollada: pip install 'optik-toolkit[meshes]'"
+        raise InvalidInput(where, "COLLADA, and a package is not installed", expected, advice="a mesh in STL or OBJ")
+    import trimesh
+    from defusedxml.ElementTree import fromstring
+
+    try:  # what cannot be read is not left out
+        unit = fromstring(content, forbid_dtd=True).find("{*}asset/{*}unit")
+        scene = trimesh.load_scene(BytesIO(content), file_type="dae", ignore_broken=False)
+        scale = 1.0 if unit is None else float(unit.get("meter", "1"))
+        return np.asarray(scene.to_mesh().triangles, dtype=np.float64) * scale
+    except Exception as error:  # these packages raise many
+        words = " ".join(f"{type(error).__name__}: {error}".split())
+        raise InvalidInput(where, f"COLLADA that cannot be read ({words[:120]})", "complete COLLADA") from None
 
 
 def _floats(words: Sequence[Sequence[bytes]], where: str) -> Array:

@@ -10,7 +10,7 @@ import numpy as np
 
 from optik import se3
 from optik.types import Array
-from planners.following.failure import FollowStatus, PlanFailure
+from planners.following.failure import ASKED, FollowStatus, PlanFailure
 from planners.following.resolve.graph import Graph, Sequence
 from planners.following.resolve.nodes import MOST_WORK, Sampler
 from planners.paths.base import Path
@@ -60,14 +60,18 @@ class Resolution(NamedTuple):
     limited: bool = False
 
     def explain(self, before: PlanFailure) -> PlanFailure:
-        """Return the failure of following one way, with why no other configuration goes on, either.
+        """Return the failure of following one way, led by why no configuration goes on.
 
-        A place where configurations were found is not called unreachable.
+        A place where configurations were found is not called unreachable, and one where none was found no jump.
         """
-        status = before.status
+        if not self.reason:
+            return before
+        status, reason = before.status, f"{self.reason}; {before.reason.replace(ASKED, '')}"
         if self.reached and status == FollowStatus.UNREACHABLE:
             status = FollowStatus.NO_PATH_FOUND
-        return replace(before, status=status, reason=f"{before.reason}; {self.reason}") if self.reason else before
+        elif not self.reached and status == FollowStatus.BRANCH_JUMP:
+            status = FollowStatus.UNREACHABLE
+        return replace(before, status=status, reason=reason)
 
     def __str__(self) -> str:
         at = f" at s = {', '.join(f'{s:.4g}' for s in self.cuts)}"
