@@ -333,7 +333,9 @@ def tool_facts(proof: Certificate) -> list[tuple[str, str]]:
     """Return path error, tool speed, smallest singular value and clearance as rows of a table."""
     off, facts = proof.path_error, []
     if np.isfinite(off.distance):
-        facts.append(("path error", f"at most {1e3 * off.distance:.3g} mm and {off.angle:.3g} rad"))
+        asked = proof.motion.path.asked if proof.motion.has_path else "pose"
+        angle = "" if asked == "point" else f" and {off.angle:.3g} rad{' of the axis' * (asked == 'axis')}"
+        facts.append(("path error", f"at most {1e3 * off.distance:.3g} mm{angle}"))
     facts.append(("tool speed", f"at most {proof.tool_speed.value:.3g} m/s"))
     facts.append(("smallest singular value", f"{proof.singular_value:.3g}"))
     if proof.clearance is not None and proof.clearance.kinds:

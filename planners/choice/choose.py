@@ -20,7 +20,8 @@ from planners.following.joint_path import JointPath
 from planners.following.resolve.freedoms import FreeWay
 from planners.paths.base import Path
 from planners.paths.control_curve import Basis, ControlBounds
-from planners.paths.free_path import CoordinateRange, FreePath, NullSpace
+from planners.paths.free_path import FEWEST_JOINTS, CoordinateRange, FreePath
+from planners.paths.null_space import NullSpace
 from planners.paths.point_to_point import PointToPoint
 from planners.timing.interior_point.newton import Iterate
 from planners.timing.optimal import Optimum
@@ -265,7 +266,7 @@ def choice_for(
     if not isinstance(path, FreePath):
         return JointChoice(path, joint_path, optimum)
     robot = joint_path.robot
-    if robot.n < 6 + ("elbow" in path.bounds):
+    if robot.n < FEWEST_JOINTS + ("elbow" in path.bounds):
         expected = "an arm with more than six joints" if "elbow" in path.bounds else "an arm with at least six joints"
         got = f"one with {' and '.join(path.bounds)}, for {robot.name} with {robot.n} joints"
         raise InvalidInput("path", got, expected)

@@ -12,7 +12,7 @@ from optik.arm.motors import maker_limits, maker_names
 from optik.arm.reach import reach_bound
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
-from optik.ik import IKSolver, IKStatus, Tolerance, solve_ik
+from optik.ik import IKSolver, IKStatus, Tolerance, make_solver, solve_ik
 from optik.task import POSE
 from optik.types import Array, Flags
 from planners.following import march
@@ -28,6 +28,7 @@ from planners.following.failure import (
     format_position,
     joint_unit,
 )
+from planners.following.freed import explain_asked, find_immovable, free_arms
 from planners.following.joint_path import Course, IKRecord, JointPath, Nodes, make_empty_guide, thin_knots
 from planners.following.redundancy import MOST_REFINEMENTS, find_null_space_motions
 from planners.following.resolve import Resolution
@@ -73,7 +74,8 @@ class FollowResult(NamedTuple):
 class Follower:
     """The validated arguments of `follow`: samples s ``grid`` (k,), start ``q`` (n,), choice of branch, collision check.
 
-    A resolution of the whole path has a time limit [s], or it was made and its sequence is ``way``.
+    A resolution of the whole path has a time limit [s], or it was made and its sequence is ``way``. Of a freed arm so many
+    joints are ``shown``.
     """
 
     solver: IKSolver
@@ -85,6 +87,7 @@ class Follower:
     collision: CollisionCheck | None
     time_limit: float = 0.0
     way: Sequence | None = None
+    shown: int | None = None
 
     @property
     def robot(self) -> Robot:
@@ -154,6 +157,8 @@ class Follower:
     def _follow_poses(self) -> FollowResult:
         """Return the joint path of a Cartesian path, by the number of joints and the choice of branch."""
         robot, path = self.robot, self.path
+        if path.asked != "pose" and self.shown is None:
+            return self._follow_asked()
         failure = find_rank_failure(robot)
         if failure is not None:
             return FollowResult(None, failure)
@@ -168,6 +173,25 @@ class Follower:
             assert self.q is not None
             return self._finish(course, track(robot, course, nodes, self.q, self.tolerance), self.q)
         return self._choose_branch(course, nodes)
+
+    def _follow_asked(self) -> FollowResult:
+        """Return the joint path of a path of which less than the pose is asked: the arm's part of the freed arm's."""
+        own, path, n = self.robot, self.path, self.robot.n
+        failure = find_immovable(own, path, self.tolerance.position)
+        if failure is not None:
+            return FollowResult(None, failure)
+        for arm in free_arms(own, path, self.q, self.tolerance.position):
+            solver, allowed = make_solver(arm.robot, type(self.solver)), arm.allow(self.tolerance)
+            freed = replace(self, solver=solver, path=arm.path, q=arm.q, tolerance=allowed, shown=n)
+            found = freed._follow_poses()
+            if found.status is not FollowStatus.SINGULAR:
+                break
+        joints, failure = found.joint_path, found.failure
+        if joints is not None:
+            nodes = np.isin(np.arange(len(joints.knots)), joints._chosen)
+            q, dq = np.ascontiguousarray(joints.q[:, :n]), np.ascontiguousarray(joints.derivatives[:, :, :n])
+            joints = JointPath(own, path, joints.knots, q, dq, joints.ik, nodes)
+        return found._replace(joint_path=joints, failure=failure and explain_asked(failure, own, arm, path))
 
     def _choose_branch(self, course: Course, nodes: Nodes) -> FollowResult:
         """Return the best collision-free branch that reaches the path's end; if none does, the one that goes farthest."""
@@ -303,7 +327,7 @@ class Follower:
             return f"{shorter}: no configuration was found at the end of the path"
         ways = find_branches(robot, path)
         if ways and ways[0].ended is None:
-            start = _format(robot, ways[0].q)
+            start = _format(robot, ways[0].q[: self.shown])
             best = f'branch="best", which reaches the end of the path from the start configuration {start}'
             return f"{best}; or {shorter}"
         farther = ways and ways[0].s > failure.s + 1e-3 * path.end
