@@ -42,7 +42,7 @@ MOST_PARTS = 16
 class PathError(NamedTuple):
     """Proved bounds on the tool's distance [m] and angle [rad] to its path, with the largest values found and their times [s].
 
-    The angle is that between the axes z where a path asks the point and the axis alone, and 0 where it asks the point alone.
+    The angle is that between the axes z where a path asks point and axis, and only rounding where it asks the point alone.
     The true maximum is between the value found and the bound.
     """
 
@@ -178,7 +178,9 @@ def _compare(side: Instants, along: PathPositions, asked: Asked) -> tuple[Compar
     compare(side.poses, side.motion, along.poses, along.twist, error, off)
     if asked != "pose":
         error[:, :, 3:], off[:, 1] = 0.0, 0.0
-    if asked == "axis":  # √2 times the difference of the axes z, whose norm is that of E − I for a turn by the same angle
+    if (
+        asked == "axis"
+    ):  # √2 times the difference of the axes z, whose norm is that of E − I for a turn by the same angle
         z, path_z = side.poses[:, :3, 2], along.poses[:, :3, 2]
         rates = z - path_z, np.cross(side.motion[:, 0, 3:], z), -np.cross(along.twist[:, 3:], path_z)
         error[:, :, 3:6] = np.sqrt(2.0) * np.stack(rates, axis=1)

@@ -208,7 +208,11 @@ class NearestPoint(Nearest):
         return tuple(without_rotation(x, np.eye(3)) for x in (instants.poses, instants.motion))
 
     def _positions(self, found: PathComparison) -> PathPositions:
-        return super()._positions(found)._replace(**dict(zip(("poses", "twist"), self._asking.frames(found.s), strict=True)))
+        return (
+            super()
+            ._positions(found)
+            ._replace(**dict(zip(("poses", "twist"), self._asking.frames(found.s), strict=True)))
+        )
 
 
 BEND_SAMPLES = 17

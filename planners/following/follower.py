@@ -138,21 +138,25 @@ class Follower:
             knots = np.union1d(self.grid, path.breaks[(path.breaks > 0.0) & (path.breaks < path.end)])
         orders = [path.configurations(robot, knots, order) for order in range(4)]
         q, dq = np.array(orders[0]), np.stack([np.array(d) for d in orders[1:]], axis=1)
-        (s, i), failure, good = find_exit(robot, knots, q, dq), None, len(knots)
-        if s <= path.end:
-            good, name = int(np.searchsorted(knots, s)), maker_names(robot)[i]
-            limits = maker_limits(robot)
-            low, high = limits.lower[i], limits.upper[i]
-            span = f"[{low:.6g}, {high:.6g}] {joint_unit(robot, i)}"
-            reason = f"{name} leaves its range {span} at {format_position(path, s)}"
-            advice = "a path in joint space inside the limits"
-            failure = PlanFailure(FollowStatus.OUTSIDE_LIMITS, s, name, reason, advice)
+        failure = self._find_beyond(knots, q, dq)
+        good = len(knots) if failure is None else int(np.searchsorted(knots, failure.s))
         if good < 2:
             return FollowResult(None, failure)
         at = knots[:good]
         record = IKRecord(np.zeros(good), np.zeros(good), np.zeros(good, np.int64), at)
         chosen = np.isin(np.arange(good), thin_knots(at, path.breaks if path.nodes is None else at))
         return FollowResult(JointPath(robot, path, at, q[:good], dq[:good], record, chosen), failure)
+
+    def _find_beyond(self, s: Array, q: Array, dq: Array) -> PlanFailure | None:
+        """Return the failure where a joint or a motor of a joint path leaves its range first, or None."""
+        robot, (at, i) = self.robot, find_exit(self.robot, s, q, dq)
+        if not at <= self.path.end:
+            return None
+        limits, name = maker_limits(robot), maker_names(robot)[i]
+        span = f"[{limits.lower[i]:.6g}, {limits.upper[i]:.6g}] {joint_unit(robot, i)}"
+        reason = f"{name} leaves its range {span} at {format_position(self.path, at)}"
+        advice = "a path in joint space inside the limits" if self.path.in_joints else "another start or path"
+        return PlanFailure(FollowStatus.OUTSIDE_LIMITS, at, name, reason, advice)
 
     def _follow_poses(self) -> FollowResult:
         """Return the joint path of a Cartesian path, by the number of joints and the choice of branch."""
@@ -191,6 +195,8 @@ class Follower:
             nodes = np.isin(np.arange(len(joints.knots)), joints._chosen)
             q, dq = np.ascontiguousarray(joints.q[:, :n]), np.ascontiguousarray(joints.derivatives[:, :, :n])
             joints = JointPath(own, path, joints.knots, q, dq, joints.ik, nodes)
+            if own.motors is not None and (beyond := self._find_beyond(joints.knots, q, dq)) is not None:
+                return found._replace(joint_path=None, failure=beyond)
         return found._replace(joint_path=joints, failure=failure and explain_asked(failure, own, arm, path))
 
     def _choose_branch(self, course: Course, nodes: Nodes) -> FollowResult:

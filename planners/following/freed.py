@@ -1,7 +1,7 @@
 """The freed arm: for a path of which less than the pose is asked, a joint behind the tool for each free rotation.
 
-The joints behind the tool take up what is not asked. So six rows with these joints are the asked rows of the arm alone: a motion
-of the freed arm along the path is one of the arm that meets what is asked, and nothing else.
+The joints behind the tool take up what is not asked. So six rows with these joints are the asked rows of the arm alone: a
+motion of the freed arm along the path is one of the arm that meets what is asked, and nothing else.
 """
 
 from __future__ import annotations
@@ -104,7 +104,9 @@ def find_immovable(own: Robot, path: Path, tolerance: float) -> PlanFailure | No
         return None
     rank, still = _find_still(own)
     if rank + len(still) < 3:
-        reason = f"the joints of {own.name} move its tool's point in {rank} directions only, and not in a plane or a line"
+        reason = (
+            f"the joints of {own.name} move its tool's point in {rank} directions only, and not in a plane or a line"
+        )
         return PlanFailure(FollowStatus.SINGULAR, 0.0, None, reason, "a path in the joints, such as JointLine", 0.0)
     if not len(still):
         return None

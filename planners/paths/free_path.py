@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import cached_property
 from itertools import pairwise
-from typing import Any, ClassVar, NamedTuple, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from planners.freedom import Freedom, freedom_of, loaded_freedom
 from planners.freedom.base import Bounds
 from planners.paths.base import ASKED, Asked, Path, PiecewisePath, fields
 from planners.paths.control_curve import DEGREE, ControlBounds, ControlCurve
-from planners.paths.null_space import NullSpace, read_null_space
+from planners.paths.coordinates import CoordinateRange, NullSpace, frees_rotation, read_null_space
 from planners.paths.screws import move_along
 from planners.trajectory.curve import BINOMIAL, bells
 
@@ -38,26 +38,6 @@ MOST_GUESSES = 20
 """Most initial guesses of the choice of the coefficients."""
 FEWEST_JOINTS = 6
 """Fewest joints with which the coefficients of a path can be chosen."""
-
-
-class CoordinateRange(NamedTuple):
-    """Range of one coordinate of a freedom along the path [as unit].
-
-    Attributes
-    ----------
-    name, unit : str
-        Name of the freedom, and unit of the coordinate.
-    allowed : tuple of float
-        Least and greatest allowed value; of a ``round`` freedom [0, greatest norm].
-    reached : tuple of float
-        Proved bounds: the least and the greatest coefficient of the spline; of a ``round`` freedom of their norms, of an elbow
-        of their distances from the initial joint path.
-    """
-
-    name: str
-    unit: str
-    allowed: tuple[float, float]
-    reached: tuple[float, float]
 
 
 class FreePath(PiecewisePath):
@@ -94,7 +74,7 @@ class FreePath(PiecewisePath):
         coefficients: Array | None = None, null_space: NullSpace | None = None, asked: Asked = "pose",
     ) -> None:  # fmt: skip
         self.given, self.bounds = path, dict(bounds)
-        self.asked = "point" if _frees_rotation(path, self.bounds) else asked
+        self.asked = "point" if frees_rotation(path, self.bounds) else asked
         check_count(starts, "starts", 1, MOST_GUESSES)
         self.counts_itself = count is None
         count = int(np.clip(PER_SEGMENT * path.segments, FEWEST_COEFFICIENTS, MOST_DEFAULT)) if count is None else count
@@ -149,7 +129,7 @@ class FreePath(PiecewisePath):
         return self._copy(self.spline.count, coefficients, null_space)
 
     def asking(self, robot: Robot) -> Self:
-        """Return the path that asks as much as an arm can meet: of five joints without a limit on the turn, point and axis.
+        """Return the path that asks as much as an arm can meet: of five joints with ``turn=True``, point and axis.
 
         Parameters
         ----------
@@ -160,9 +140,22 @@ class FreePath(PiecewisePath):
         -------
         FreePath
             The path, or a copy.
+
+        Raises
+        ------
+        InvalidInput
+            An arm with too few joints for these freedoms.
         """
-        only_turn = self.bounds == {"turn": (-np.inf, np.inf)} and robot.n == FEWEST_JOINTS - 1
-        return self._copy(self.spline.count, self.coefficients, None, "axis") if only_turn else self
+        few = robot.n < FEWEST_JOINTS + ("elbow" in self.bounds)
+        if self.asked != "pose" or not few:
+            return self
+        if self.bounds == {"turn": (-np.inf, np.inf)} and robot.n == FEWEST_JOINTS - 1:
+            return self._copy(self.spline.count, self.coefficients, None, "axis")
+        expected = "an arm with more than six joints"
+        if "elbow" not in self.bounds:
+            expected = "an arm with at least six joints, or with five for turn=True alone; or turn=True, tilt=True"
+        got = f"one with {' and '.join(self.bounds)}, for {robot.name} with {robot.n} joints"
+        raise InvalidInput("path", got, expected)
 
     def begin_at(self, pose: Array) -> Self:
         """Return the path that begins at a pose, or as near to it as the ranges of the coordinates allow.
@@ -203,9 +196,7 @@ class FreePath(PiecewisePath):
                 lower[:, at], upper[:, at] = low, high
         return ControlBounds(lower, upper, tuple(discs))
 
-    def _copy(
-        self, count: int, coefficients: Array, null_space: NullSpace | None, asked: Asked | None = None
-    ) -> Self:
+    def _copy(self, count: int, coefficients: Array, null_space: NullSpace | None, asked: Asked | None = None) -> Self:
         """Return the path with other coefficients (count, d)."""
         path = type(self)(
             self.given, self.bounds, count=count, hold_start=self.hold_start, starts=self.starts, coefficients=coefficients,
@@ -382,21 +373,6 @@ class FreePath(PiecewisePath):
         path = cls(path_of(given, robot), pairs, count=count, hold_start=held, starts=starts, asked=asked)
         points = read_numbers(coefficients, path.coefficients.shape, "coefficients")
         return path.with_coefficients(points, read_null_space(null, count))
-
-
-def _frees_rotation(path: Path, bounds: Mapping[str, Bounds]) -> bool:
-    """Return whether only the tool's point is asked; raise InvalidInput for a free tilt that is not alone with a free turn."""
-    if bounds.get("tilt", (0.0, 0.0))[1] < np.inf:
-        return False
-    if bounds.get("turn") != (-np.inf, np.inf):
-        expected = "turn=True, tilt=True, which leave the tool's point alone to be followed; or a number of rad for tilt"
-        raise InvalidInput("tilt", "True without turn=True", expected)
-    if len(bounds) > 2:
-        others = ", ".join(sorted(bounds.keys() - {"turn", "tilt"}))
-        raise InvalidInput("freedoms", f"{others} with turn=True, tilt=True", "these two alone: the joints follow a point")
-    if path.turns_only:
-        raise InvalidInput("path", f"a {path.name} whose point does not move", "a path of points for turn=True, tilt=True")
-    return True
 
 
 def _product(a: Array, b: Array) -> Array:

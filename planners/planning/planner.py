@@ -274,10 +274,11 @@ def _is_chosen(path: Path) -> TypeGuard[FreePath]:
 def _list_stricter(path: Path, robot: Robot) -> list[Path]:
     """Return the paths that ask more of an arm than a path of points, or of points and axes."""
     assert isinstance(path, FreePath)
-    stricter: list[Path] = [] if robot.n >= FEWEST_JOINTS else [path.given]
+    few, bounds = robot.n < FEWEST_JOINTS, dict(path.bounds)
+    stricter: list[Path] = [path.given] if few else []
     if path.asked == "point" and robot.n >= FEWEST_JOINTS - 1:
-        options: dict[str, Any] = {"hold_start": path.hold_start, "starts": path.starts}
-        stricter.append(FreePath(path.given, {"turn": path.bounds["turn"]}, **options).asking(robot))
+        bounds = {"turn": bounds["turn"]} if few else bounds | {"tilt": (-np.pi, np.pi)}
+        stricter.append(FreePath(path.given, bounds, hold_start=path.hold_start, starts=path.starts).asking(robot))
     return stricter
 
 
