@@ -28,7 +28,7 @@ from planners.following.failure import (
     format_position,
     joint_unit,
 )
-from planners.following.freed import explain_asked, find_immovable, free_arms
+from planners.following.freed import explain_asked, find_immovable, free_arm
 from planners.following.joint_path import Course, IKRecord, JointPath, Nodes, make_empty_guide, thin_knots
 from planners.following.redundancy import MOST_REFINEMENTS, find_null_space_motions
 from planners.following.resolve import Resolution
@@ -184,12 +184,9 @@ class Follower:
         failure = find_immovable(own, path, self.tolerance.position)
         if failure is not None:
             return FollowResult(None, failure)
-        for arm in free_arms(own, path, self.q, self.tolerance.position):
-            solver, allowed = make_solver(arm.robot, type(self.solver)), arm.allow(self.tolerance)
-            freed = replace(self, solver=solver, path=arm.path, q=arm.q, tolerance=allowed, shown=n)
-            found = freed._follow_poses()
-            if found.status is not FollowStatus.SINGULAR:
-                break
+        arm = free_arm(own, path, self.q, self.tolerance.position)
+        solver, allowed = make_solver(arm.robot, type(self.solver)), arm.allow(self.tolerance)
+        found = replace(self, solver=solver, path=arm.path, q=arm.q, tolerance=allowed, shown=n)._follow_poses()
         joints, failure = found.joint_path, found.failure
         if joints is not None:
             nodes = np.isin(np.arange(len(joints.knots)), joints._chosen)

@@ -6,14 +6,12 @@ motion of the freed arm along the path is one of the arm that meets what is aske
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
-from optik import se3
 from optik.arm.robot import Robot
 from optik.ik import Tolerance
 from optik.types import Array
@@ -22,8 +20,6 @@ from planners.following.resolve.extend import add_joints
 from planners.paths.base import Path
 from planners.paths.points import PointsOf
 
-LEANS = (0.0, 0.8, -0.8)
-"""Turns [rad] of the freed arm's last frame that are tried: its three free rotations are singular a quarter turn away."""
 PLANE_SAMPLES = 401
 """Points of a path that are compared with what an arm's point can reach without leaving a plane or a line."""
 FREE = -np.inf, np.inf
@@ -54,24 +50,19 @@ def find_distance(robot: Robot, q: Array, path: Path) -> tuple[float, float]:
     return float(np.linalg.norm(off[:3])), angle
 
 
-def free_arms(own: Robot, path: Path, q: Array | None, tolerance: float) -> Iterator[FreedArm]:
-    """Yield freed arms for a path, whose own joints come first: the next one if the one before is singular somewhere."""
+def free_arm(own: Robot, path: Path, q: Array | None, tolerance: float) -> FreedArm:
+    """Return the freed arm for a path, whose own joints come first."""
     start = path.pose(0.0)[:3, :3]
     R = start if q is None else own.fk(q)[:3, :3]
     if path.asked == "axis":
-        D = start.T @ R
-        arm, turn = _with_turn(own), [np.arctan2(D[1, 0] - D[0, 1], D[0, 0] + D[1, 1])]
-        yield FreedArm(arm, path, q) if arm is own else FreedArm(arm, path, None if q is None else np.append(q, turn))
-        return
-    fixed = _find_still(own)[1]
-    axes = _choose_axes(own, q)
-    for lean in LEANS:
-        anchor = R @ se3.exp_so3(lean * axes[1])
-        joints = [(f"free{i + 1}", np.append(np.zeros(3), axis), FREE) for i, axis in enumerate(axes)]
-        joints += [("slide", np.append(anchor.T @ n, np.zeros(3)), (-tolerance, tolerance)) for n in fixed]
-        arm = replace(add_joints(own, joints), name=own.name)
-        behind = np.append([0.0, -lean, 0.0], np.zeros(len(fixed)))
-        yield FreedArm(arm, PointsOf(path, anchor), None if q is None else np.append(q, behind))
+        arm, D = _with_turn(own), start.T @ R
+        turn = np.arctan2(D[1, 0] - D[0, 1], D[0, 0] + D[1, 1])
+        return FreedArm(arm, path, q if q is None or arm is own else np.append(q, turn))
+    still = _find_still(own)[1]
+    joints = [(f"free{i + 1}", np.append(np.zeros(3), axis), FREE) for i, axis in enumerate(_choose_axes(own, q))]
+    joints += [("slide", np.append(R.T @ n, np.zeros(3)), (-tolerance, tolerance)) for n in still]
+    arm = replace(add_joints(own, joints), name=own.name)
+    return FreedArm(arm, PointsOf(path, R), None if q is None else np.append(q, np.zeros(len(joints))))
 
 
 @lru_cache(maxsize=16)
@@ -82,7 +73,10 @@ def _with_turn(own: Robot) -> Robot:
 
 
 def _choose_axes(own: Robot, q: Array | None) -> Array:
-    """Return three axes (3, 3) in the tool's frame, one in each row; the arm turns its tool the least about the middle one."""
+    """Return three axes (3, 3) in the tool's frame, one in each row; the arm turns its tool the least about the middle one.
+
+    A quarter turn about that one makes the three free rotations singular.
+    """
     at = own.limits.sample(np.random.default_rng(0), RANK_DRAWS) if q is None else q[None]
     turns = np.swapaxes(own.fk(at)[:, :3, :3], 1, 2) @ own.jacobian(at)[:, 3:]
     axes = np.linalg.svd(np.concatenate(list(turns), axis=1))[0].T

@@ -1,8 +1,8 @@
 """Lines of 100 mm by arms with three to five joints: only the tool's point follows, or its point and axis.
 
-The environment variable ARMS names a folder of URDF files NAME.urdf; arms whose file is missing are left out. The oracle is a
-plain continuation of the same rows with steps of least norm, in NumPy, from the same start: what it follows inside the limits must
-be solved. Each motion is evaluated at 20 kHz by our own product of transforms: deviation of what is asked, and all limits.
+The environment variable ARMS names a folder of files NAME.urdf; arms whose file is missing are left out. The oracle is a
+plain continuation of the same rows with steps of least norm, in NumPy, from the same start: what it follows inside the limits
+must be solved. Each motion is evaluated at 20 kHz by our own product of transforms: deviation of what is asked, and all limits.
 """
 
 from __future__ import annotations
