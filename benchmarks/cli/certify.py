@@ -282,7 +282,7 @@ def _path_rows(proof: Certificate, reference: Reference | None) -> list[tuple[st
             ("path angle", off.angle, off.found_angle, off.t_angle, tolerance.rotation))  # fmt: skip
     rows: list[tuple[str, ...]] = []
     for name, bound, found, t, allowed in each:
-        if allowed == np.pi:
+        if allowed == np.pi or (name == "path angle" and proof.asked == "point"):
             rows.append((name, "", "", "", NOT_JUDGED))
             continue
         ratio = bound / allowed

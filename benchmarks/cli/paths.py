@@ -24,7 +24,8 @@ FREEDOMS = ", ".join(names("planners.freedom"))
 """Freedoms of a path, for messages."""
 FREE_HELP = (
     f"Freedom of the path, repeatable, one of: {FREEDOMS}. A range in degrees: turn=180 (−180 to 180), turn=-90:90, tilt=10 (a "
-    "cone), elbow (no bounds). The law optimal chooses it together with the timing."
+    "cone), elbow (no bounds). The law optimal chooses it together with the timing. turn,tilt: only the tool's point "
+    "follows, of any arm; turn of an arm with five joints: point and axis."
 )
 """Help of ``--free``."""
 EXACT_WINDING_HELP = (

@@ -239,6 +239,11 @@ class Certificate:
             *(() if self.clearance is None else self.clearance.find_violations()),
         )
 
+    @property
+    def asked(self) -> str:
+        """What the path error is of: the "pose", the "axis" with its point, or the "point" alone."""
+        return self.motion.path.asked if self.motion.has_path else "pose"
+
     def _limit_violations(self) -> list[Violation]:
         """Return the violations of enforced limits."""
         found = []
@@ -333,7 +338,8 @@ def tool_facts(proof: Certificate) -> list[tuple[str, str]]:
     """Return path error, tool speed, smallest singular value and clearance as rows of a table."""
     off, facts = proof.path_error, []
     if np.isfinite(off.distance):
-        facts.append(("path error", f"at most {1e3 * off.distance:.3g} mm and {off.angle:.3g} rad"))
+        angle = "" if proof.asked == "point" else f" and {off.angle:.3g} rad{' of the axis' * (proof.asked == 'axis')}"
+        facts.append(("path error", f"at most {1e3 * off.distance:.3g} mm{angle}"))
     facts.append(("tool speed", f"at most {proof.tool_speed.value:.3g} m/s"))
     facts.append(("smallest singular value", f"{proof.singular_value:.3g}"))
     if proof.clearance is not None and proof.clearance.kinds:

@@ -12,9 +12,17 @@ from optik.types import Array, Flags, Indices
 from planners.certificate.bounds import FEW_INTERVALS, NARROWEST_SHARE, Instants, MotionBounds
 from planners.certificate.chord_search import CHORD_ROOM
 from planners.certificate.path_bounds import ComparedInstants, PieceBounds, compare, divide, intervals, joint_intervals
-from planners.certificate.projection import BEND, NEAREST_TURN, NOT_ALONG_PATH, Nearest, NearestJoints, PathPositions
+from planners.certificate.projection import (
+    BEND,
+    NEAREST_TURN,
+    NOT_ALONG_PATH,
+    Nearest,
+    NearestJoints,
+    NearestPoint,
+    PathPositions,
+)
 from planners.certificate.violation import Violation
-from planners.paths.base import Path
+from planners.paths.base import Asked, Path
 from planners.trajectory import Trajectory
 
 ERROR_EXCESS = 1.048
@@ -34,6 +42,7 @@ MOST_PARTS = 16
 class PathError(NamedTuple):
     """Proved bounds on the tool's distance [m] and angle [rad] to its path, with the largest values found and their times [s].
 
+    The angle is that between the axes z where a path asks point and axis, and only rounding where it asks the point alone.
     The true maximum is between the value found and the bound.
     """
 
@@ -109,7 +118,8 @@ def path_error(
     at most 1.05 times the largest value found, or 1 nm (1 nrad).
     """
     bounds = bounds or MotionBounds(robot, trajectory)
-    nearest = NearestJoints(robot, path) if path.in_joints else Nearest(path, turn)
+    alone = NearestJoints(robot, path) if path.in_joints else Nearest(path, turn)
+    nearest = alone if path.asked == "pose" else NearestPoint(path, turn)
     piece, at, off, knot = _known_positions(nearest, bounds, trajectory) or _search_positions(
         nearest, bounds, trajectory
     )
@@ -160,14 +170,24 @@ def _compare_ends(
     left = np.arange(guess.size - 1)
     both = np.concatenate([left, left + 1])
     if any(np.abs(trajectory.jumps(order)).max(initial=0.0) > SAME_SIDES for order in (0, 1)):
-        return _compare(ends, nearest.places(ends, guess[both]))
-    return _compare(ends, PathPositions(*(x[both] for x in nearest.places(_between(ends), guess))))
+        return _compare(ends, nearest.places(ends, guess[both]), nearest.asked)
+    along = PathPositions(*(x[both] for x in nearest.places(_between(ends), guess)))
+    return _compare(ends, along, nearest.asked)
 
 
-def _compare(side: Instants, along: PathPositions) -> tuple[ComparedInstants, Array]:
+def _compare(side: Instants, along: PathPositions, asked: Asked) -> tuple[ComparedInstants, Array]:
     """Return a motion compared with positions along its path, and the distances and angles (k, 2) to them."""
     error, off = np.empty((side.t.size, 3, 12)), np.empty((side.t.size, 2))
     compare(side.poses, side.motion, along.poses, along.twist, error, off)
+    if asked != "pose":
+        error[:, :, 3:], off[:, 1] = 0.0, 0.0
+    if (
+        asked == "axis"
+    ):  # √2 times the difference of the axes z, whose norm is that of E − I for a turn by the same angle
+        z, path_z = side.poses[:, :3, 2], along.poses[:, :3, 2]
+        rates = z - path_z, np.cross(side.motion[:, 0, 3:], z), -np.cross(along.twist[:, 3:], path_z)
+        error[:, :, 3:6] = np.sqrt(2.0) * np.stack(rates, axis=1)
+        off[:, 1] = 2.0 * np.arcsin(np.minimum(0.5 * np.linalg.norm(rates[0], axis=1), 1.0))
     return ComparedInstants(side.t, side.joints, along.s, along.speed, along.path_joints, error), off
 
 
@@ -214,7 +234,7 @@ class _Errors:
             divide(at, (left, right), parts, inner, new)
             t, guess = inner
             side = self._bounds.at(np.repeat(piece, parts - 1), t)
-            middle, off = _compare(side, self._nearest.places(side, guess))
+            middle, off = _compare(side, self._nearest.places(side, guess), self._nearest.asked)
             self._keep_largest(t, off)
             at = ComparedInstants(*(np.concatenate(pair) for pair in zip(at, middle, strict=True)))
             piece, (left, right) = np.repeat(piece, parts), new
@@ -224,6 +244,8 @@ class _Errors:
         out, fall = np.empty((left.size, 2)), np.empty((left.size, 4))
         arm, limits = (self._bounds.links, self._bounds.robot.prismatic), self._limits
         intervals(arm, limits, self._end, at, (left, right), out, fall)
+        if self._nearest.asked == "point":
+            out[:, 1] = 0.0
         if self._joint_bounds is not None:
             joint_intervals(arm, (limits.breaks, self._joint_bounds), self._end, at, (left, right), out)
         return out, fall

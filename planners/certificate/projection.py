@@ -13,6 +13,7 @@ from optik.types import Array
 from planners.certificate.bounds import Instants
 from planners.certificate.chord_search import find_positions
 from planners.paths.base import Path
+from planners.paths.points import PointsOf, without_rotation
 from planners.paths.poses import MOST_CELLS, chords, divide, embed_poses
 
 CHORD_TURN = 0.1
@@ -98,7 +99,7 @@ class Nearest:
     """
 
     def __init__(self, path: Path, turn: float = NEAREST_TURN) -> None:
-        self._path, self._breaks, self._turn = path, path.breaks, turn
+        self._path, self._breaks, self._turn, self.asked = path, path.breaks, turn, path.asked
         rate, bend = self._measure()
         self._slow = CUSP * rate
         # Beside a straight piece, that of its neighbours counts.
@@ -190,6 +191,28 @@ class Nearest:
     def _positions(self, found: PathComparison) -> PathPositions:
         """Return the positions along the path, with the path's poses and twists there."""
         return PathPositions(found.s, found.speed, found.points, found.tangents, np.empty((found.s.size, 0, 0)))
+
+
+class NearestPoint(Nearest):
+    """Nearest positions along a path that asks less than the pose: those of the tool's point alone."""
+
+    def __init__(self, path: Path, turn: float) -> None:
+        super().__init__(PointsOf(path, np.eye(3)), turn)
+        self._asking, self.asked = path, path.asked
+
+    def guess(self, instants: Instants) -> Array:
+        """Return the positions (k,) of a whole motion."""
+        return positions_along(self._path, self._target(instants)[0], BEND)
+
+    def _target(self, instants: Instants) -> tuple[Array, ...]:
+        return tuple(without_rotation(x, np.eye(3)) for x in (instants.poses, instants.motion))
+
+    def _positions(self, found: PathComparison) -> PathPositions:
+        return (
+            super()
+            ._positions(found)
+            ._replace(**dict(zip(("poses", "twist"), self._asking.frames(found.s), strict=True)))
+        )
 
 
 BEND_SAMPLES = 17

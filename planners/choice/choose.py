@@ -20,7 +20,8 @@ from planners.following.joint_path import JointPath
 from planners.following.resolve.freedoms import FreeWay
 from planners.paths.base import Path
 from planners.paths.control_curve import Basis, ControlBounds
-from planners.paths.free_path import CoordinateRange, FreePath, NullSpace
+from planners.paths.coordinates import CoordinateRange, NullSpace
+from planners.paths.free_path import FreePath
 from planners.paths.point_to_point import PointToPoint
 from planners.timing.interior_point.newton import Iterate
 from planners.timing.optimal import Optimum
@@ -264,11 +265,7 @@ def choice_for(
     """Return the choice of a path's coefficients, after checking that the arm has its freedoms."""
     if not isinstance(path, FreePath):
         return JointChoice(path, joint_path, optimum)
-    robot = joint_path.robot
-    if robot.n < 6 + ("elbow" in path.bounds):
-        expected = "an arm with more than six joints" if "elbow" in path.bounds else "an arm with at least six joints"
-        got = f"one with {' and '.join(path.bounds)}, for {robot.name} with {robot.n} joints"
-        raise InvalidInput("path", got, expected)
+    path = path.asking(joint_path.robot)
     most = optimum.programme.s.size // POINTS_PER_COEFFICIENT
     if path.counts_itself and path.spline.count > most:
         path = path.with_count(most)

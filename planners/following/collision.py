@@ -23,7 +23,7 @@ CONTACT_SAMPLES = 401
 
 @dataclass(frozen=True)
 class CollisionCheck:
-    """A robot, and the scene from which it must keep the margin."""
+    """A robot, and the scene from which it must keep the margin; its joints are the first of a configuration."""
 
     robot: Robot
     scene: Scene
@@ -33,17 +33,18 @@ class CollisionCheck:
 
     def find_rooms(self, q: Array) -> Array:
         """Return the rooms of configurations (k, n) [m]: a configuration whose room is above 0 is collision-free."""
-        return find_nearest_pairs(self.robot, self.scene, q)[0]
+        return find_nearest_pairs(self.robot, self.scene, np.ascontiguousarray(q[:, : self.robot.n]))[0]
 
     def name_pair(self, q: Array) -> str:
         """Return the two nearest parts at a configuration."""
-        return " and ".join(find_contact(self.robot, self.scene, q).pair)
+        return " and ".join(find_contact(self.robot, self.scene, q[: self.robot.n]).pair)
 
     def proves_free(self, way: FollowedTrack) -> bool:
         """Return whether the quintics through a tracked branch are proved to be collision-free."""
         if len(way.s) < 2 or self.find_rooms(way.q).min() <= 0.0:
             return False
-        return self._clearance(quintic_through(way.s, way.q, way.dq[:, 0], way.dq[:, 1])).proved
+        q, dq = way.q[:, : self.robot.n], way.dq[:, :, : self.robot.n]
+        return self._clearance(quintic_through(way.s, q, dq[:, 0], dq[:, 1])).proved
 
     def check_start(self, q: Array) -> PlanFailure | None:
         """Return the failure of a start configuration in collision, or None."""

@@ -15,10 +15,12 @@ from optik.types import Array
 from planners.following.collision import CollisionCheck
 from planners.following.failure import FollowStatus, PlanFailure
 from planners.following.follower import START_TOLERANCE, Follower, FollowResult
+from planners.following.freed import find_distance
 from planners.following.joint_path import IKRecord, JointPath
 from planners.following.resolve.graph import Sequence
 from planners.paths.base import Path
-from planners.paths.free_path import CoordinateRange, FreePath
+from planners.paths.coordinates import CoordinateRange
+from planners.paths.free_path import FreePath
 
 __all__ = ["FollowResult", "FollowStatus", "IKRecord", "JointPath", "PlanFailure", "follow"]
 
@@ -134,13 +136,12 @@ def _check_start(
         raise InvalidInput("q_start", "None", 'a configuration for branch="start"; without one use branch="best"')
     q = None if q_start is None else check_start(robot, q_start, "q_start")
     if branch == "start" and q is not None and path.configurations(robot, np.zeros(1)) is None:
-        off = robot.pose_errors(q, path.pose(0.0))
-        distance, angle = float(np.linalg.norm(off[:3])), float(np.linalg.norm(off[3:]))
+        distance, angle = find_distance(robot, q, path)
         if max(distance, angle) > START_TOLERANCE:
             got = f"the tool {1e3 * distance:.3g} mm and {np.degrees(angle):.3g}° from the path's start"
             within = f"within {1e3 * START_TOLERANCE:g} mm and {np.degrees(START_TOLERANCE):.2g}°"
             expected = f"a configuration on the path's start ({within})"
-            if isinstance(path, FreePath) and len(path.screws):
+            if isinstance(path, FreePath) and len(path.screws) and path.asked == "pose":
                 expected += f", or with freedoms inside their ranges: {', '.join(map(_describe, path.ranges))}"
             raise InvalidInput("q_start", got, expected)
     return q, branch

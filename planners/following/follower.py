@@ -12,7 +12,7 @@ from optik.arm.motors import ranges_of
 from optik.arm.reach import reach_bound
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
-from optik.ik import IKSolver, IKStatus, Tolerance, solve_ik
+from optik.ik import IKSolver, IKStatus, Tolerance, make_solver, solve_ik
 from optik.task import POSE
 from optik.types import Array, Flags
 from planners.following import march
@@ -28,6 +28,7 @@ from planners.following.failure import (
     format_position,
     joint_unit,
 )
+from planners.following.freed import explain_asked, find_immovable, free_arm
 from planners.following.joint_path import Course, IKRecord, JointPath, Nodes, make_empty_guide, thin_knots
 from planners.following.redundancy import MOST_REFINEMENTS, find_null_space_motions
 from planners.following.resolve import Resolution
@@ -73,7 +74,8 @@ class FollowResult(NamedTuple):
 class Follower:
     """The validated arguments of `follow`: samples s ``grid`` (k,), start ``q`` (n,), choice of branch, collision check.
 
-    A resolution of the whole path has a time limit [s], or it was made and its sequence is ``way``.
+    A resolution of the whole path has a time limit [s], or it was made and its sequence is ``way``. Of a freed arm so many
+    joints are ``shown``.
     """
 
     solver: IKSolver
@@ -85,6 +87,7 @@ class Follower:
     collision: CollisionCheck | None
     time_limit: float = 0.0
     way: Sequence | None = None
+    shown: int | None = None
 
     @property
     def robot(self) -> Robot:
@@ -135,14 +138,8 @@ class Follower:
             knots = np.union1d(self.grid, path.breaks[(path.breaks > 0.0) & (path.breaks < path.end)])
         orders = [path.configurations(robot, knots, order) for order in range(4)]
         q, dq = np.array(orders[0]), np.stack([np.array(d) for d in orders[1:]], axis=1)
-        (s, i), failure, good = find_exit(robot, knots, q, dq), None, len(knots)
-        if s <= path.end:
-            good, ranges = int(np.searchsorted(knots, s)), ranges_of(robot)
-            name, low, high = ranges.names[i], ranges.lower[i], ranges.upper[i]
-            span = f"[{low:.6g}, {high:.6g}] {joint_unit(robot, ranges.axis[i])}"
-            reason = f"{name} leaves its range {span} at {format_position(path, s)}"
-            advice = "a path in joint space inside the limits"
-            failure = PlanFailure(FollowStatus.OUTSIDE_LIMITS, s, name, reason, advice)
+        failure = self._find_beyond(knots, q, dq)
+        good = len(knots) if failure is None else int(np.searchsorted(knots, failure.s))
         if good < 2:
             return FollowResult(None, failure)
         at = knots[:good]
@@ -150,9 +147,23 @@ class Follower:
         chosen = np.isin(np.arange(good), thin_knots(at, path.breaks if path.nodes is None else at))
         return FollowResult(JointPath(robot, path, at, q[:good], dq[:good], record, chosen), failure)
 
+    def _find_beyond(self, s: Array, q: Array, dq: Array) -> PlanFailure | None:
+        """Return the failure where a joint or a motor of a joint path leaves its range first, or None."""
+        robot, (at, i) = self.robot, find_exit(self.robot, s, q, dq)
+        if not at <= self.path.end:
+            return None
+        ranges = ranges_of(robot)
+        name, low, high = ranges.names[i], ranges.lower[i], ranges.upper[i]
+        span = f"[{low:.6g}, {high:.6g}] {joint_unit(robot, ranges.axis[i])}"
+        reason = f"{name} leaves its range {span} at {format_position(self.path, at)}"
+        advice = "a path in joint space inside the limits" if self.path.in_joints else "another start or path"
+        return PlanFailure(FollowStatus.OUTSIDE_LIMITS, at, name, reason, advice)
+
     def _follow_poses(self) -> FollowResult:
         """Return the joint path of a Cartesian path, by the number of joints and the choice of branch."""
         robot, path = self.robot, self.path
+        if path.asked != "pose" and self.shown is None:
+            return self._follow_asked()
         failure = find_rank_failure(robot)
         if failure is not None:
             return FollowResult(None, failure)
@@ -167,6 +178,24 @@ class Follower:
             assert self.q is not None
             return self._finish(course, track(robot, course, nodes, self.q, self.tolerance), self.q)
         return self._choose_branch(course, nodes)
+
+    def _follow_asked(self) -> FollowResult:
+        """Return the joint path of a path of which less than the pose is asked: the arm's part of the freed arm's."""
+        own, path, n = self.robot, self.path, self.robot.n
+        failure = find_immovable(own, path, self.tolerance.position)
+        if failure is not None:
+            return FollowResult(None, failure)
+        arm = free_arm(own, path, self.q, self.tolerance.position)
+        solver, allowed = make_solver(arm.robot, type(self.solver)), arm.allow(self.tolerance)
+        found = replace(self, solver=solver, path=arm.path, q=arm.q, tolerance=allowed, shown=n)._follow_poses()
+        joints, failure = found.joint_path, found.failure
+        if joints is not None:
+            nodes = np.isin(np.arange(len(joints.knots)), joints._chosen)
+            q, dq = np.ascontiguousarray(joints.q[:, :n]), np.ascontiguousarray(joints.derivatives[:, :, :n])
+            joints = JointPath(own, path, joints.knots, q, dq, joints.ik, nodes)
+            if own.motors is not None and (beyond := self._find_beyond(joints.knots, q, dq)) is not None:
+                return found._replace(joint_path=None, failure=beyond)
+        return found._replace(joint_path=joints, failure=failure and explain_asked(failure, own, arm, path))
 
     def _choose_branch(self, course: Course, nodes: Nodes) -> FollowResult:
         """Return the best collision-free branch that reaches the path's end; if none does, the one that goes farthest."""
@@ -302,7 +331,7 @@ class Follower:
             return f"{shorter}: no configuration was found at the end of the path"
         ways = find_branches(robot, path)
         if ways and ways[0].ended is None:
-            start = _format(robot, ways[0].q)
+            start = _format(robot, ways[0].q[: self.shown])
             best = f'branch="best", which reaches the end of the path from the start configuration {start}'
             return f"{best}; or {shorter}"
         farther = ways and ways[0].s > failure.s + 1e-3 * path.end

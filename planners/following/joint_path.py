@@ -102,17 +102,24 @@ class JointPath(PiecewiseCurve):
 
     @cached_property
     def deviation(self) -> tuple[float, float]:
-        """Largest distance [m] and angle [rad] to the path at the same s, on seven points between any two nodes."""
+        """Largest distance [m] and angle [rad] to the path at the same s, on seven points between any two nodes.
+
+        The angle is NaN where the path asks less than the pose.
+        """
         s = (self.nodes[:-1, None] + np.diff(self.nodes)[:, None] * (np.arange(1, 8) / 8.0)).ravel()
         e = se3.error(self.robot.fk(self(s)), self.path.pose(s))
-        return float(np.linalg.norm(e[:, :3], axis=1).max()), float(np.linalg.norm(e[:, 3:], axis=1).max())
+        angle = float(np.linalg.norm(e[:, 3:], axis=1).max()) if self.path.asked == "pose" else np.nan
+        return float(np.linalg.norm(e[:, :3], axis=1).max()), angle
 
     @cached_property
     def bound(self) -> tuple[float, float]:
-        """Proved bound, apart from rounding, on distance [m] and angle [rad] to the path at the same s, everywhere."""
+        """Proved bound, apart from rounding, on distance [m] and angle [rad] to the path at the same s, everywhere.
+
+        The angle is NaN where the path asks less than the pose.
+        """
         i = self._chosen
         out = deviation_bounds(self.robot, self.path, self.nodes, self.q[i], self.derivatives[i])
-        return float(out[:, 0].max()), float(out[:, 1].max())
+        return float(out[:, 0].max()), float(out[:, 1].max()) if self.path.asked == "pose" else np.nan
 
 
 def cut_joints(joints: JointPath, path: Path, begin: float) -> JointPath:

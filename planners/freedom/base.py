@@ -55,9 +55,11 @@ class Freedom:
         InvalidInput
             No number above 0, no pair with lower < upper, or a pair for a ``round`` freedom.
         """
-        allowed = f"a number of {self.unit} above 0" + ("" if self.round else ", a pair (lower, upper), or True")
+        allowed = f"a number of {self.unit} above 0" + (
+            ", or True" if self.round else ", a pair (lower, upper), or True"
+        )
         value = value.tolist() if isinstance(value, np.ndarray | np.generic) else value
-        if value is True and not self.round:
+        if value is True:
             return -np.inf, np.inf
         if isinstance(value, tuple | list) and len(value) == 2 and not self.round:
             low, high = (check_number(x, self.name, allowed) for x in value)

@@ -172,5 +172,7 @@ class PathPoints:
 
     @cached_property
     def twist(self) -> Array:
-        """Twists (k, 6) of the path per unit of s: (v, ω), linear first."""
-        return self.joint_path.path.twist(self.s)
+        """Twists (k, 6) of the tool per unit of s: (v, ω), linear first."""
+        if self.joint_path.path.asked == "pose":
+            return self.joint_path.path.twist(self.s)
+        return np.asarray(np.einsum("kij,kj->ki", self.joint_path.robot.jacobian(self.q()), self.q(1)))

@@ -132,7 +132,7 @@ def sample_zones(path: Path) -> tuple[Array, ...]:
 def _freedom_facts(path: Path) -> tuple[tuple[str, str], ...]:
     """Return the values that the freedoms of a path have, as rows."""
     rows = []
-    for one in path.ranges if isinstance(path, FreePath) else ():
+    for one in path.ranges if isinstance(path, FreePath) and path.asked == "pose" else ():
         factor, unit = (180.0 / np.pi, "°") if one.unit == "rad" else (1e3, " mm")
         low, high = (f"{factor * x:.3g}" for x in one.reached)
         rows.append((f"Free {one.name}", f"{low} to {high}{unit}"))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Mapping
 from functools import cached_property
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Literal, Self, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,6 +17,10 @@ from optik.errors import InvalidInput
 from optik.types import Array
 from planners.paths.poses import find_nearest
 from planners.trajectory.curve import Curve
+
+Asked = Literal["pose", "axis", "point"]
+"""What the tool must meet of a path: its poses, its points and the directions of its axes z, or its points alone."""
+ASKED: tuple[str, ...] = get_args(Asked)
 
 
 class Path(Curve):
@@ -95,6 +99,8 @@ class Path(Curve):
         Whether a certificate finds s from the joints instead of the tool, which may rest on such a path.
     density : float
         Grid intervals of the law `optimal` over its default: narrow corners need more.
+    asked : {"pose", "axis", "point"}
+        What the tool must meet: the pose, the point and the direction of axis z, or the point alone.
     dropped : tuple of int
         Indices of given points that were merged with their neighbours.
     """
@@ -105,6 +111,7 @@ class Path(Curve):
     segments = 1
     in_joints = False
     density = 1.0
+    asked: Asked = "pose"
     dropped: tuple[int, ...] = ()
     name: ClassVar[str]
 

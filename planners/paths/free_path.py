@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import cached_property
 from itertools import pairwise
-from typing import Any, ClassVar, NamedTuple, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -17,8 +17,9 @@ from optik.errors import InvalidInput
 from optik.types import Array, Indices
 from planners.freedom import Freedom, freedom_of, loaded_freedom
 from planners.freedom.base import Bounds
-from planners.paths.base import Path, PiecewisePath, fields
+from planners.paths.base import ASKED, Asked, Path, PiecewisePath, fields
 from planners.paths.control_curve import DEGREE, ControlBounds, ControlCurve
+from planners.paths.coordinates import CoordinateRange, NullSpace, frees_rotation, read_null_space
 from planners.paths.screws import move_along
 from planners.trajectory.curve import BINOMIAL, bells
 
@@ -35,39 +36,8 @@ BEGIN_STEPS, NEARLY = 12, 1e-4
 """Newton steps for the coordinates at a given start, and the distance outside a range [rad, m] that is rounding there."""
 MOST_GUESSES = 20
 """Most initial guesses of the choice of the coefficients."""
-
-
-class NullSpace(NamedTuple):
-    """Null-space coordinates: rows (r, n) with rows · q(s) equal to the spline of coefficients (C, r); those at first."""
-
-    rows: Array
-    coefficients: Array
-    initial: Array
-
-    @property
-    def change(self) -> Array:
-        """Coefficients (C, r) of the distance from the initial joint path, which the bounds of an elbow limit."""
-        return self.coefficients - self.initial
-
-
-class CoordinateRange(NamedTuple):
-    """Range of one coordinate of a freedom along the path [as unit].
-
-    Attributes
-    ----------
-    name, unit : str
-        Name of the freedom, and unit of the coordinate.
-    allowed : tuple of float
-        Least and greatest allowed value; of a ``round`` freedom [0, greatest norm].
-    reached : tuple of float
-        Proved bounds: the least and the greatest coefficient of the spline; of a ``round`` freedom of their norms, of an elbow
-        of their distances from the initial joint path.
-    """
-
-    name: str
-    unit: str
-    allowed: tuple[float, float]
-    reached: tuple[float, float]
+FEWEST_JOINTS = 6
+"""Fewest joints with which the coefficients of a path can be chosen."""
 
 
 class FreePath(PiecewisePath):
@@ -93,15 +63,18 @@ class FreePath(PiecewisePath):
         Values of the coordinates at the control points of their splines [rad, m]; by default the allowed values nearest to 0.
     null_space : NullSpace, optional
         Null-space coordinates of a redundant arm, once they are chosen.
+    asked : {"pose", "axis", "point"}, optional
+        What the tool must meet of this path's poses; "point" with ``turn=True, tilt=True``.
     """
 
     name: ClassVar[str] = "free_path"
 
     def __init__(
         self, path: Path, bounds: Mapping[str, Bounds], *, count: int | None = None, hold_start: bool = True, starts: int = 6,
-        coefficients: Array | None = None, null_space: NullSpace | None = None,
+        coefficients: Array | None = None, null_space: NullSpace | None = None, asked: Asked = "pose",
     ) -> None:  # fmt: skip
         self.given, self.bounds = path, dict(bounds)
+        self.asked = "point" if frees_rotation(path, self.bounds) else asked
         check_count(starts, "starts", 1, MOST_GUESSES)
         self.counts_itself = count is None
         count = int(np.clip(PER_SEGMENT * path.segments, FEWEST_COEFFICIENTS, MOST_DEFAULT)) if count is None else count
@@ -155,6 +128,35 @@ class FreePath(PiecewisePath):
         """
         return self._copy(self.spline.count, coefficients, null_space)
 
+    def asking(self, robot: Robot) -> Self:
+        """Return the path that asks as much as an arm can meet: of five joints with ``turn=True``, point and axis.
+
+        Parameters
+        ----------
+        robot : Robot
+            The arm.
+
+        Returns
+        -------
+        FreePath
+            The path, or a copy.
+
+        Raises
+        ------
+        InvalidInput
+            An arm with too few joints for these freedoms.
+        """
+        few = robot.n < FEWEST_JOINTS + ("elbow" in self.bounds)
+        if self.asked != "pose" or not few:
+            return self
+        if self.bounds == {"turn": (-np.inf, np.inf)} and robot.n == FEWEST_JOINTS - 1:
+            return self._copy(self.spline.count, self.coefficients, None, "axis")
+        expected = "an arm with more than six joints"
+        if "elbow" not in self.bounds:
+            expected = "an arm with at least six joints, or with five for turn=True alone; or turn=True, tilt=True"
+        got = f"one with {' and '.join(self.bounds)}, for {robot.name} with {robot.n} joints"
+        raise InvalidInput("path", got, expected)
+
     def begin_at(self, pose: Array) -> Self:
         """Return the path that begins at a pose, or as near to it as the ranges of the coordinates allow.
 
@@ -194,11 +196,11 @@ class FreePath(PiecewisePath):
                 lower[:, at], upper[:, at] = low, high
         return ControlBounds(lower, upper, tuple(discs))
 
-    def _copy(self, count: int, coefficients: Array, null_space: NullSpace | None) -> Self:
+    def _copy(self, count: int, coefficients: Array, null_space: NullSpace | None, asked: Asked | None = None) -> Self:
         """Return the path with other coefficients (count, d)."""
         path = type(self)(
             self.given, self.bounds, count=count, hold_start=self.hold_start, starts=self.starts, coefficients=coefficients,
-            null_space=null_space,
+            null_space=null_space, asked=asked or self.asked,
         )  # fmt: skip
         path.counts_itself = self.counts_itself
         return path
@@ -353,7 +355,7 @@ class FreePath(PiecewisePath):
             "count": self.spline.count, "hold_start": self.hold_start, "starts": self.starts,
             "coefficients": self.coefficients.tolist(),
             "null_space": None if null is None else [x.tolist() for x in null],
-        }  # fmt: skip
+        } | ({} if self.asked == "pose" else {"asked": self.asked})  # fmt: skip
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any], robot: Robot | None = None) -> Self:
@@ -366,21 +368,11 @@ class FreePath(PiecewisePath):
             raise InvalidInput("bounds", repr(bounds)[:60], "a mapping from the names of freedoms to pairs")
         found = {name: read_numbers(pair, (2,), f"bounds.{name}") for name, pair in bounds.items()}
         pairs = {name: (float(pair[0]), float(pair[1])) for name, pair in found.items()}
-        path = cls(path_of(given, robot), pairs, count=count, hold_start=held, starts=starts)
+        if (asked := data.get("asked", "pose")) not in ASKED:
+            raise InvalidInput("asked", repr(asked)[:60], f"one of: {', '.join(ASKED)}")
+        path = cls(path_of(given, robot), pairs, count=count, hold_start=held, starts=starts, asked=asked)
         points = read_numbers(coefficients, path.coefficients.shape, "coefficients")
-        return path.with_coefficients(points, _read_null_space(null, count))
-
-
-def _read_null_space(data: Any, count: int) -> NullSpace | None:
-    """Return the null-space coordinates from plain data."""
-    if data is None:
-        return None
-    if not isinstance(data, list) or len(data) != 3 or not all(isinstance(x, list) and x for x in data):
-        raise InvalidInput("null_space", repr(data)[:60], "None, or rows, coefficients and initial coefficients")
-    rows, *coefficients = data
-    n = len(rows[0]) if isinstance(rows[0], list) else 0
-    pair = (read_numbers(x, (count, len(rows)), "null_space") for x in coefficients)
-    return NullSpace(read_numbers(rows, (len(rows), n), "null_space"), *pair)
+        return path.with_coefficients(points, read_null_space(null, count))
 
 
 def _product(a: Array, b: Array) -> Array:
@@ -408,7 +400,8 @@ def free(
     **freedoms
         By name (`planners.freedom.freedoms`), in the order in which they move the tool: ``turn=(-1.0, 1.0)`` [rad] about the
         tool's axis, ``tilt=0.2``, the half-angle of a cone [rad], ``elbow=True`` of a redundant arm. A number x means (−x, x),
-        True no bounds.
+        True no bounds. With ``turn=True, tilt=True`` only the tool's point follows the path, by any arm; with ``turn=True``
+        alone an arm with five joints follows point and axis. Their joints move without splines of the freedoms.
 
     Returns
     -------

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from time import perf_counter
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from optik import newton
+from optik.arm.robot import Robot
 from optik.errors import InvalidInput, NoSolution
 from optik.ik import IKSolver
 from optik.ik.problem import check_start
@@ -29,7 +30,7 @@ from planners.limits import SAME_SPEED
 from planners.motion import PlanStatus
 from planners.motion.fit import check_statics, fit, stretch_factor
 from planners.paths.base import Path
-from planners.paths.free_path import FreePath
+from planners.paths.free_path import FEWEST_JOINTS, FreePath
 from planners.paths.point_to_point import PointToPoint
 from planners.planning.request import PlanRequest
 from planners.planning.result import Plan, PlanSeconds
@@ -61,24 +62,42 @@ class MotionPlanner:
 
     def run(self, q_start: ArrayLike | None, branch: str | None, duration: float | None) -> Plan:
         """Return the plan along the requested path, with the durations of its parts."""
+        path = self.request.path
+        asked = path.asking(self.request.robot) if isinstance(path, FreePath) else path
+        if asked.asked == "pose":
+            return self._run(q_start, branch, duration)
+        plans = list[Plan]()
+        for one in (asked, *_list_stricter(asked, self.request.robot)):  # more freedom is never less
+            planner = replace(self, request=replace(self.request, path=one))
+            try:
+                plans.append(planner._run(q_start, branch, duration))
+            except InvalidInput:
+                if one is asked:
+                    raise
+        valid = [plan for plan in plans if plan]
+        return pick_plan(valid) if valid else plans[0]
+
+    def _run(self, q_start: ArrayLike | None, branch: str | None, duration: float | None) -> Plan:
+        """Return the plan along a path whose coefficients are chosen, or of which less than the pose is asked."""
         started, path = perf_counter(), self.request.path
         if self.request.unreachable is not None:
             return self.request.infeasible(None, self.request.unreachable, PlanStatus.UNREACHABLE)
-        if isinstance(path, FreePath) and q_start is not None and branch != "best":
+        if _is_chosen(path) and q_start is not None and branch != "best":
             path, q_start, chosen = self._begin(path, q_start, duration)
             if chosen is not None:
                 return chosen
-        around, held = self.request.avoid is not False, q_start is not None
+        around, held = self.request.avoid is not False and path.asked == "pose", q_start is not None
         ways = list[FreeWay]()
-        if isinstance(path, FreePath):
+        if _is_chosen(path):
             path, followed, ways = self._resolve(path, q_start, branch, held=held and path.hold_start)
         else:
+            branch = "best" if held and isinstance(path, FreePath) and not path.hold_start else branch
             followed = self.follow(path, q_start, branch, None if around else self.request.scene)
         if around and followed.status is FollowStatus.CONTACT and followed.joint_path is not None:
             followed = followed._replace(failure=None)  # to be moved out of contact
         ended = perf_counter()
-        planner = self._with_optimal(path) if isinstance(path, FreePath) else self
-        if not isinstance(path, FreePath | PointToPoint):
+        planner = self._with_optimal(path) if _is_chosen(path) else self
+        if not (_is_chosen(path) or isinstance(path, PointToPoint)):
             found = self.time(path, followed, duration, path.density)[0]
         elif around and (followed.joint_path is not None or isinstance(path, PointToPoint)):
             found = planner._avoid(path, followed, ways, held)
@@ -87,7 +106,7 @@ class MotionPlanner:
             found = choose_path(planner, path, followed, self.request.scene, ways, held=held, retime=retime)
         if planner is not self and isinstance(path, FreePath) and (around or not found):
             found = self._time_again(found, path, followed)
-        if isinstance(path, FreePath | PointToPoint):
+        if _is_chosen(path) or isinstance(path, PointToPoint):
             found = replace(self._finish(found, duration), freedom=found.freedom, search=found.search)
         proof = found.seconds.certificate
         seconds = PlanSeconds(ended - started, perf_counter() - ended - proof, proof)
@@ -245,6 +264,22 @@ class MotionPlanner:
             status, advice = PlanStatus.NOT_PROVED, "a wider tolerance, or via points farther apart"
             found = self.request.fail(status, found.prefix, PlanFailure(status, missed[0].s, None, reason, advice))
         return found
+
+
+def _is_chosen(path: Path) -> TypeGuard[FreePath]:
+    """Return whether the coefficients of a path's freedoms are chosen: not where less than the pose is asked."""
+    return isinstance(path, FreePath) and path.asked == "pose"
+
+
+def _list_stricter(path: Path, robot: Robot) -> list[Path]:
+    """Return the paths that ask more of an arm than a path of points, or of points and axes."""
+    assert isinstance(path, FreePath)
+    few, bounds = robot.n < FEWEST_JOINTS, dict(path.bounds)
+    stricter: list[Path] = [path.given] if few else []
+    if path.asked == "point" and robot.n >= FEWEST_JOINTS - 1:
+        bounds = {"turn": bounds["turn"]} if few else bounds | {"tilt": (-np.pi, np.pi)}
+        stricter.append(FreePath(path.given, bounds, hold_start=path.hold_start, starts=path.starts).asking(robot))
+    return stricter
 
 
 def _scale_to_duration(trajectory: Trajectory, duration: float, law: TimeLaw) -> Trajectory:

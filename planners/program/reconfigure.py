@@ -39,7 +39,7 @@ def reconfigure(
     failed: Plan, path: Path, q: Array | None, held: bool, most: int, time_limit: float, plan_program: PlanProgram
 ) -> Plan:
     """Return the plan of a path with at most so many reconfigurations; with none, the refusal that says how many help."""
-    fixed = isinstance(path, FreePath) and len(path.screws) > 0 and not can_resolve(path)
+    fixed = path.asked != "pose" or (isinstance(path, FreePath) and len(path.screws) > 0 and not can_resolve(path))
     if failed.status not in CHANGEABLE or path.in_joints or fixed or failed.robot.n < 6:
         return failed
     collision = None if failed.scene is None else CollisionCheck(failed.robot, failed.scene)

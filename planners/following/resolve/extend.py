@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -30,19 +31,23 @@ def extend(robot: Robot, freedoms: tuple[tuple[Freedom, Bounds], ...]) -> Robot:
     joints have the ranges of the freedoms, no limits on their rates, and links without mass and shape. An interval of payload
     masses leaves the masses unknown.
     """
-    if not freedoms:
+    return add_joints(robot, [
+        (f"{kind.name}{i + 1 if len(kind.screws) > 1 else ''}", screw, (-high if kind.round else low, high))
+        for kind, (low, high) in reversed(freedoms) for i, screw in reversed(list(enumerate(np.array(kind.screws))))
+    ])  # fmt: skip
+
+
+def add_joints(robot: Robot, joints: Sequence[tuple[str, Array, Bounds]]) -> Robot:
+    """Return the arm with joints behind the tool: the name, the screw (6,) that each undoes, and the range [rad, m]."""
+    if not joints:
         return robot
-    tool, fixed, prismatic, labels = robot.tool, list[Array](), list[bool](), list[str]()
-    lower, upper = list[float](), list[float]()
-    for kind, (low, high) in reversed(freedoms):
-        for i, screw in reversed(list(enumerate(np.array(kind.screws)))):
-            frame, slides = _joint_frame(screw)
-            fixed.append(tool @ frame)
-            tool = se3.inverse(frame)
-            prismatic.append(slides)
-            lower.append(-high if kind.round else low)
-            upper.append(high)
-            labels.append(f"{kind.name}{i + 1 if len(kind.screws) > 1 else ''}")
+    tool, fixed, prismatic = robot.tool, list[Array](), list[bool]()
+    for _, screw, _ in joints:
+        frame, slides = _joint_frame(screw)
+        fixed.append(tool @ frame)
+        tool = se3.inverse(frame)
+        prismatic.append(slides)
+    labels, (lower, upper) = [name for name, _, _ in joints], np.transpose([bounds for _, _, bounds in joints])
     limits, d = robot.limits, len(fixed)
     names = [label if label not in robot.joint_names else f"{label}_freedom" for label in labels]
     rates = {
