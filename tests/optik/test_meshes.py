@@ -206,6 +206,12 @@ def test_a_package_is_found_above_the_file_and_beside_the_folders_above_it(tmp_p
     assert folders.file("model://parts/a.stl", "x") == ws / "parts" / "a.stl", "the nearest"
     named = MeshFolders(here, {"parts": tmp_path / "parts"})
     assert named.file("package://parts/a.stl", "x") == tmp_path.resolve() / "parts" / "a.stl", "a named one first"
+    (ws / "package.xml").write_text("<package><name> fine_arm </name></package>")
+    assert MeshFolders(here).file("package://fine_arm/parts/a.stl", "x") == ws / "parts" / "a.stl", "named in its file"
+    for name in ("../../../parts/a.stl", str(tmp_path / "ws" / "parts" / "a.stl")):
+        assert MeshFolders(here).file(name, "x") == ws / "parts" / "a.stl", "in the package of the file"
+    with pytest.raises(InvalidInput, match="elsewhere"):
+        MeshFolders(here).file(str(tmp_path / "parts" / "a.stl"), "x")
     for name, words in (
         ("package://parts/../arm_support/a.stl", "elsewhere"),
         ("package://../a.stl", "does not exist.*package_dirs"),
