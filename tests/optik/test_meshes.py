@@ -201,6 +201,7 @@ def test_a_package_is_found_above_the_file_and_beside_the_folders_above_it(tmp_p
     for place in (here / "urdf", tmp_path / "ws" / "arm_support", tmp_path / "ws" / "parts", tmp_path / "parts"):
         place.mkdir(parents=True, exist_ok=True)
         (place / "a.stl").write_bytes(binary(1))
+    (here.parent / "above.stl").write_bytes(binary(1))
     folders, ws = MeshFolders(here), tmp_path.resolve() / "ws"
     assert folders.file("package://arm_support/a.stl", "x") == ws / "arm_support" / "a.stl"
     assert folders.file("model://parts/a.stl", "x") == ws / "parts" / "a.stl", "the nearest"
@@ -214,7 +215,7 @@ def test_a_package_is_found_above_the_file_and_beside_the_folders_above_it(tmp_p
         MeshFolders(here).file(str(tmp_path / "parts" / "a.stl"), "x")
     for name, words in (
         ("package://parts/../arm_support/a.stl", "elsewhere"),
-        ("package://../a.stl", "does not exist.*package_dirs"),
+        ("package://../above.stl", "does not exist.*package_dirs"),
         ("package:///a.stl", "does not exist"),
         ("package://none/a.stl", "does not exist.*package_dirs"),
     ):
@@ -251,6 +252,7 @@ def test_collada_with_parts_that_cannot_be_read_and_without_its_packages_is_refu
     file = tmp_path / "a.dae"
     for text in (
         COLLADA.replace("#p", "#none"),
+        COLLADA.replace("<instance_geometry", '<instance_geometry url="#none"/><instance_geometry', 1),
         COLLADA[:400],
         COLLADA.replace("<COLLADA", '<!DOCTYPE a [<!ENTITY b "c">]><COLLADA', 1),
         COLLADA.replace('meter="0.01"', 'meter="inf"'),
