@@ -201,6 +201,7 @@ class CertifyCommand(LimitsCommand, SceneCommand, TableCommand):
             "path": self.path,
             "robot": split_links(self.robot)[0],
             "scene": self.scene,
+            "srdf": self.srdf,
         }
         files = {key: Path(name) for key, name in given.items() if name is not None and Path(name).is_file()}
         inputs = {

@@ -115,11 +115,11 @@ def _find_still_contacts(
     """Return the names of shapes that the arm does not move, such as those of a held arm, and of objects that they touch."""
     assert robot.shapes is not None
     shapes, examined, found = robot.shapes, scene.pair_mask(robot), dict[tuple[str, str], str]()
-    room, which, at = np.empty(1), np.empty(1, np.int64), robot.spread(robot.limits.middle[None])
+    room, which, at = np.empty(1), np.empty(1, np.int64), robot.spread(robot.limits.middle[None].copy())
     for k, j in np.argwhere(examined & (shapes.capsules[0] == 0)[:, None]).tolist():
         bodies = np.array([(k, *kinds[i]) for i in np.flatnonzero(column == j)], np.int64)
         rooms_batch(robot.axes.chain, (shapes.capsules, scene.arrays, bodies, hulls), at, 0.0, room, which)
-        if room[0] <= 0.0:
+        if room[0] <= 0.0 and shapes.names[k] != robot.link_names[0]:  # a base stands on something
             found[shapes.names[k], scene.names[j]] = TOUCHING
     return found
 

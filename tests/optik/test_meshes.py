@@ -201,14 +201,21 @@ def test_a_package_is_found_above_the_file_and_beside_the_folders_above_it(tmp_p
     for place in (here / "urdf", tmp_path / "ws" / "arm_support", tmp_path / "ws" / "parts", tmp_path / "parts"):
         place.mkdir(parents=True, exist_ok=True)
         (place / "a.stl").write_bytes(binary(1))
+    (here.parent / "above.stl").write_bytes(binary(1))
     folders, ws = MeshFolders(here), tmp_path.resolve() / "ws"
     assert folders.file("package://arm_support/a.stl", "x") == ws / "arm_support" / "a.stl"
     assert folders.file("model://parts/a.stl", "x") == ws / "parts" / "a.stl", "the nearest"
     named = MeshFolders(here, {"parts": tmp_path / "parts"})
     assert named.file("package://parts/a.stl", "x") == tmp_path.resolve() / "parts" / "a.stl", "a named one first"
+    (ws / "package.xml").write_text("<package><name> fine_arm </name></package>")
+    assert MeshFolders(here).file("package://fine_arm/parts/a.stl", "x") == ws / "parts" / "a.stl", "named in its file"
+    for name in ("../../../parts/a.stl", str(tmp_path / "ws" / "parts" / "a.stl")):
+        assert MeshFolders(here).file(name, "x") == ws / "parts" / "a.stl", "in the package of the file"
+    with pytest.raises(InvalidInput, match="elsewhere"):
+        MeshFolders(here).file(str(tmp_path / "parts" / "a.stl"), "x")
     for name, words in (
         ("package://parts/../arm_support/a.stl", "elsewhere"),
-        ("package://../a.stl", "does not exist.*package_dirs"),
+        ("package://../above.stl", "does not exist.*package_dirs"),
         ("package:///a.stl", "does not exist"),
         ("package://none/a.stl", "does not exist.*package_dirs"),
     ):
@@ -245,6 +252,7 @@ def test_collada_with_parts_that_cannot_be_read_and_without_its_packages_is_refu
     file = tmp_path / "a.dae"
     for text in (
         COLLADA.replace("#p", "#none"),
+        COLLADA.replace("<instance_geometry", '<instance_geometry url="#none"/><instance_geometry', 1),
         COLLADA[:400],
         COLLADA.replace("<COLLADA", '<!DOCTYPE a [<!ENTITY b "c">]><COLLADA', 1),
         COLLADA.replace('meter="0.01"', 'meter="inf"'),

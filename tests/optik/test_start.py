@@ -36,10 +36,21 @@ def test_ranges_of_every_kind_have_a_start_inside_and_nearest_to_zero(lower, upp
     arm = arm.with_limits(lower=limits.lower, upper=limits.upper)
     q = optik.choose_start(arm)
     assert arm.limits.contains(q)
+    assert lower > np.pi or upper < -np.pi or np.abs(q).max() <= np.pi
     for k in range(-3, 4):
         turned = q + 2.0 * np.pi * k
         inside = (turned >= lower) & (turned <= upper)
         assert (np.abs(turned)[inside] >= np.abs(q)[inside] - 1e-9).all()
+
+
+def test_a_start_with_contact_between_links_is_left_out(monkeypatch):
+    arm = optik.load("ur5e")
+    best = optik.choose_start(arm)
+    monkeypatch.setattr(
+        "optik.scene.contact.find_nearest_pairs",
+        lambda arm, scene, q: (np.where((q == best).all(axis=1), -1.0, 1.0), None),
+    )
+    assert not np.array_equal(optik.choose_start(arm), best)
 
 
 def test_winding_is_that_of_all_turns_tried():

@@ -206,7 +206,7 @@ TWO_ARMS = """<robot name="two"><link name="base"/>{links}
 )
 
 
-@pytest.mark.parametrize("angle", [0.0, 0.3, 1.2])
+@pytest.mark.parametrize("angle", [-0.15, 0.0, 0.3, 1.2])
 @pytest.mark.parametrize("cloud", [True, False])
 def test_a_held_arm_in_contact_with_the_scene_is_noted(angle: float, cloud: bool) -> None:
     robot = optik.Robot.from_urdf(TWO_ARMS, "tip", shapes=True, values={"left": angle})

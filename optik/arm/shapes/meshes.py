@@ -32,6 +32,8 @@ SUFFIXES = (".stl", ".obj", ".dae")
 COLLADA = ("trimesh", "collada")
 """Modules that read COLLADA."""
 
+PACKAGE_FILE = "package.xml"
+"""File in the folder of a ROS package."""
 FARTHEST_CORNER = 1e4
 """Largest coordinate in a mesh [m, or its own unit before scaling]."""
 
@@ -99,13 +101,27 @@ class MeshFolders:
 
     def _plain(self, path: str) -> list[tuple[Path, Path]]:
         roots = [*([] if self._beside is None else [self._beside]), *self._named.values(), *self._roots]
-        return [(root, root / path) for root in roots]  # an absolute path replaces the root
+        found = [(root, root / path) for root in roots]  # an absolute path replaces the root
+        above = [] if self._beside is None else _list_above(self._beside)
+        return found + [(root, above[0] / path) for root in above if (root / PACKAGE_FILE).is_file()][:1]
 
 
 def find_package(package: str, beside: Path, given: Iterable[Path] = ()) -> Path | None:
     """Return the folder of a package: first one that is given or in one; then the nearest above a folder or beside these."""
-    near = (place for root in (*given, beside, *list(beside.parents)[:-1]) for place in (root, root / package))
-    return next((place for place in near if place.name == package != ".." and place.is_dir()), None)
+    near = (place for root in (*given, *_list_above(beside)) for place in (root, root / package))
+    return next((place for place in near if package in _list_names(place) and package != ".." and place.is_dir()), None)
+
+
+def _list_above(folder: Path) -> list[Path]:
+    """List a folder and those above it, without the root of the file system."""
+    return [folder, *folder.parents][:-1]
+
+
+def _list_names(folder: Path) -> list[str]:
+    """List the names of a package in a folder: that of the folder, and that in its package.xml."""
+    file = folder / PACKAGE_FILE
+    text = read_bytes(file).decode(errors="replace") if file.is_file() else ""
+    return [folder.name, *re.findall(r"<name>\s*(\S+?)\s*</name>", text)]
 
 
 def find_mesh_folders(source: str | os.PathLike[str], package_dirs: Folders | MeshFolders) -> MeshFolders:
