@@ -99,11 +99,9 @@ def print_certificate(plan: Any, by_law: tuple[str, ...]) -> None:
         out_console.print(f"limit on {name.replace('_', ' ')}{describe_scope(proof, name)}")
     if plan.least_duration:
         out_console.print(f"least duration {plan.least_duration:.4f} s: the slowest joint alone, from rest to rest")
-    angle = (
-        "" if proof.asked == "point" else f" and {1e6 * off.angle:.3g} µrad{' of the axis' * (proof.asked == 'axis')}"
-    )
+    angle = f" and {1e6 * off.angle:.3g} µrad" + " of the axis" * (proof.asked == "axis")
     out_console.print(
-        f"path error at most {1e6 * off.distance:.3g} µm{angle} (proved for every instant), "
+        f"path error at most {1e6 * off.distance:.3g} µm{angle * (proof.asked != 'point')} (proved for every instant), "
         f"tool speed at most {proof.tool_speed.value:.3g} m/s, smallest singular value "
         f"{proof.singular_value:.3g} at {proof.t_singular_value:.3f} s, {SMOOTH[proof.continuous]}"
     )

@@ -125,15 +125,12 @@ def read_freedoms(arm: optik.Robot, texts: list[str]) -> dict[str, Any]:
     from planners.freedom import freedom_of
 
     found: dict[str, Any] = {}
-    for text in (word for typed in texts for word in typed.split(",")):
+    for text in ",".join(texts).split(",") if texts else ():
         name, equals, value = (word.strip() for word in text.partition("="))
         kind = freedom_of(name)
         factor, unit, most = (np.pi / 180.0, "degrees", ", at most 180") if kind.unit == "rad" else (1e-3, "mm", "")
-        typed = (
-            f"{name}, or {name}=RADIUS above 0{most} [{unit}]"
-            if kind.round
-            else f"{name}, {name}=90 or {name}=-90:45 [{unit}]"
-        )
+        form = f"RADIUS above 0{most}" if kind.round else f"90 or {name}=-90:45"
+        typed = f"{name}, {name}={form} [{unit}]"
         if name in found:
             raise InvalidInput("--free", f"{name} twice", "each freedom once")
         if not kind.screws and arm.n <= 6:

@@ -338,8 +338,8 @@ def tool_facts(proof: Certificate) -> list[tuple[str, str]]:
     """Return path error, tool speed, smallest singular value and clearance as rows of a table."""
     off, facts = proof.path_error, []
     if np.isfinite(off.distance):
-        angle = "" if proof.asked == "point" else f" and {off.angle:.3g} rad{' of the axis' * (proof.asked == 'axis')}"
-        facts.append(("path error", f"at most {1e3 * off.distance:.3g} mm{angle}"))
+        angle = f" and {off.angle:.3g} rad" + " of the axis" * (proof.asked == "axis")
+        facts.append(("path error", f"at most {1e3 * off.distance:.3g} mm{angle * (proof.asked != 'point')}"))
     facts.append(("tool speed", f"at most {proof.tool_speed.value:.3g} m/s"))
     facts.append(("smallest singular value", f"{proof.singular_value:.3g}"))
     if proof.clearance is not None and proof.clearance.kinds:

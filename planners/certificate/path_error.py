@@ -12,15 +12,7 @@ from optik.types import Array, Flags, Indices
 from planners.certificate.bounds import FEW_INTERVALS, NARROWEST_SHARE, Instants, MotionBounds
 from planners.certificate.chord_search import CHORD_ROOM
 from planners.certificate.path_bounds import ComparedInstants, PieceBounds, compare, divide, intervals, joint_intervals
-from planners.certificate.projection import (
-    BEND,
-    NEAREST_TURN,
-    NOT_ALONG_PATH,
-    Nearest,
-    NearestJoints,
-    NearestPoint,
-    PathPositions,
-)
+from planners.certificate.projection import BEND, NEAREST_TURN, NOT_ALONG_PATH, Nearest, PathPositions, make_nearest
 from planners.certificate.violation import Violation
 from planners.paths.base import Asked, Path
 from planners.trajectory import Trajectory
@@ -118,8 +110,7 @@ def path_error(
     at most 1.05 times the largest value found, or 1 nm (1 nrad).
     """
     bounds = bounds or MotionBounds(robot, trajectory)
-    alone = NearestJoints(robot, path) if path.in_joints else Nearest(path, turn)
-    nearest = alone if path.asked == "pose" else NearestPoint(path, turn)
+    nearest = make_nearest(robot, path, turn)
     piece, at, off, knot = _known_positions(nearest, bounds, trajectory) or _search_positions(
         nearest, bounds, trajectory
     )
@@ -181,9 +172,8 @@ def _compare(side: Instants, along: PathPositions, asked: Asked) -> tuple[Compar
     compare(side.poses, side.motion, along.poses, along.twist, error, off)
     if asked != "pose":
         error[:, :, 3:], off[:, 1] = 0.0, 0.0
-    if (
-        asked == "axis"
-    ):  # √2 times the difference of the axes z, whose norm is that of E − I for a turn by the same angle
+    if asked == "axis":
+        # √2 times the difference of the axes z: its norm is that of E − I for a turn by the same angle
         z, path_z = side.poses[:, :3, 2], along.poses[:, :3, 2]
         rates = z - path_z, np.cross(side.motion[:, 0, 3:], z), -np.cross(along.twist[:, 3:], path_z)
         error[:, :, 3:6] = np.sqrt(2.0) * np.stack(rates, axis=1)

@@ -208,11 +208,8 @@ class NearestPoint(Nearest):
         return tuple(without_rotation(x, np.eye(3)) for x in (instants.poses, instants.motion))
 
     def _positions(self, found: PathComparison) -> PathPositions:
-        return (
-            super()
-            ._positions(found)
-            ._replace(**dict(zip(("poses", "twist"), self._asking.frames(found.s), strict=True)))
-        )
+        poses, twist = self._asking.frames(found.s)
+        return super()._positions(found)._replace(poses=poses, twist=twist)
 
 
 BEND_SAMPLES = 17
@@ -276,6 +273,13 @@ class NearestJoints(Nearest):
     def _positions(self, found: PathComparison) -> PathPositions:
         joints = np.stack([found.points, found.tangents], axis=1)
         return PathPositions(found.s, found.speed, *self._path.frames(found.s), joints)
+
+
+def make_nearest(robot: Robot, path: Path, turn: float) -> Nearest:
+    """Return the search of positions along a path, by what it asks; `turn` [m/rad] weighs rotation against position."""
+    if path.in_joints:
+        return NearestJoints(robot, path)
+    return Nearest(path, turn) if path.asked == "pose" else NearestPoint(path, turn)
 
 
 def _add_backward_motion(off: Array, tangents: Array, rate: Array) -> Array:

@@ -46,7 +46,8 @@ def find_distance(robot: Robot, q: Array, path: Path) -> tuple[float, float]:
     off = robot.pose_errors(q, target)
     angle = float(np.linalg.norm(off[3:])) if path.asked == "pose" else 0.0
     if path.asked == "axis":
-        angle = 2.0 * float(np.arcsin(0.5 * min(np.linalg.norm(robot.fk(q)[:3, 2] - target[:3, 2]), 2.0)))
+        apart = float(np.linalg.norm(robot.fk(q)[:3, 2] - target[:3, 2]))
+        angle = 2.0 * float(np.arcsin(min(0.5 * apart, 1.0)))
     return float(np.linalg.norm(off[:3])), angle
 
 
@@ -98,9 +99,7 @@ def find_immovable(own: Robot, path: Path, tolerance: float) -> PlanFailure | No
         return None
     rank, still = _find_still(own)
     if rank + len(still) < 3:
-        reason = (
-            f"the joints of {own.name} move its tool's point in {rank} directions only, and not in a plane or a line"
-        )
+        reason = f"the joints of {own.name} move its tool's point in {rank} directions only, neither a plane nor a line"
         return PlanFailure(FollowStatus.SINGULAR, 0.0, None, reason, "a path in the joints, such as JointLine", 0.0)
     if not len(still):
         return None

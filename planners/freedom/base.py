@@ -55,9 +55,8 @@ class Freedom:
         InvalidInput
             No number above 0, no pair with lower < upper, or a pair for a ``round`` freedom.
         """
-        allowed = f"a number of {self.unit} above 0" + (
-            ", or True" if self.round else ", a pair (lower, upper), or True"
-        )
+        pair = "" if self.round else ", a pair (lower, upper)"
+        allowed = f"a number of {self.unit} above 0{pair}, or True"
         value = value.tolist() if isinstance(value, np.ndarray | np.generic) else value
         if value is True:
             return -np.inf, np.inf

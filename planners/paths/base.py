@@ -21,6 +21,7 @@ from planners.trajectory.curve import Curve
 Asked = Literal["pose", "axis", "point"]
 """What the tool must meet of a path: its poses, its points and the directions of its axes z, or its points alone."""
 ASKED: tuple[str, ...] = get_args(Asked)
+"""Values of `Path.asked`."""
 
 
 class Path(Curve):
