@@ -110,7 +110,7 @@ def _forces(chain: Chain, bodies: Bodies, weight: float, state: Array, work: Arr
     the 4 × 4 hold force, its rate, moment, its rate, the vector from the previous joint, its rate, the axis's rate; columns
     1 hold linear and angular momentum, mass times centre of mass, and the velocity of the joint's origin.
     """
-    fixed, prismatic, _tool = chain
+    prismatic = chain[1]
     mass, com, tensor, _motor, gravity = bodies
     T = work[0]
     frames(chain, state[0], T[: mass.shape[0]])
@@ -126,7 +126,7 @@ def _forces(chain: Chain, bodies: Bodies, weight: float, state: Array, work: Arr
         jerk = _plus(jerk, _third_derivative(w, a, b, d, wd, second))
         _keep(work, 5, i, 0, d)
         _keep(work, 7, i, 0, wz)
-        j, factor = axis_of(fixed, i)
+        j, factor = axis_of(chain, i)
         dq, ddq, dddq = factor * state[1, j], factor * state[2, j], factor * state[3, j]
         bend = _second_derivative(w, a, z, wz)  # z̈
         if prismatic[i]:
@@ -171,10 +171,11 @@ def rigid_torques(chain: Chain, bodies: Bodies, weight: float, state: Array, wor
     Shapes and units: weight [1], state (4, n) [rad, rad/s, rad/s², rad/s³, or m], work (8, n + 1, 4, 4) [1], out (2, n)
     [N·m, N].
     """
-    fixed, prismatic, _tool = chain
+    prismatic = chain[1]
     _mass, _com, _inertia, motor, _gravity = bodies
     n, T = motor.shape[0], work[0]
-    out[:] = 0.0
+    if len(chain) == 4:
+        out[:] = 0.0
     _forces(chain, bodies, weight, state, work)
     f, df, m, dm = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     for i in range(n - 1, -1, -1):
@@ -186,9 +187,14 @@ def rigid_torques(chain: Chain, bodies: Bodies, weight: float, state: Array, wor
         m, dm = _plus(m, _part(work, 3, i, 0)), _plus(dm, _part(work, 4, i, 0))
         z, dz = (T[i, 0, 2], T[i, 1, 2], T[i, 2, 2]), _part(work, 7, i, 0)
         e, de = (f, df) if prismatic[i] else (m, dm)
-        j, factor = axis_of(fixed, i)
-        out[0, j] += factor * (_dot(z, e) + motor[i] * (factor * state[2, j]))
-        out[1, j] += factor * (_dot(z, de) + _dot(dz, e) + motor[i] * (factor * state[3, j]))
+        j, factor = axis_of(chain, i)
+        torque = _dot(z, e) + motor[i] * (factor * state[2, j])
+        rate = _dot(z, de) + _dot(dz, e) + motor[i] * (factor * state[3, j])
+        if len(chain) == 3:
+            out[0, i], out[1, i] = torque, rate
+        else:
+            out[0, j] += factor * torque
+            out[1, j] += factor * rate
 
 
 @compiled
@@ -197,10 +203,11 @@ def torques_at(chain: Chain, bodies: Bodies, state: Array, work: Array, out: Arr
 
     Shapes and units: state (3, n) [rad, rad/s, rad/s², or m], work (4, n + 1, 4, 4) [1], out (n,) [N·m, N].
     """
-    fixed, prismatic, _tool = chain
+    prismatic = chain[1]
     mass, com, tensor, motor, gravity = bodies
     n = motor.shape[0]
-    out[:] = 0.0
+    if len(chain) == 4:
+        out[:] = 0.0
     T = work[0]
     frames(chain, state[0], T[:n])
     F, N, D = work[1, :, 0], work[2, :, 0], work[3, :, 0]
@@ -213,7 +220,7 @@ def torques_at(chain: Chain, bodies: Bodies, state: Array, work: Array, out: Arr
         r, wz = p, _cross(w, z)
         acceleration = _plus(acceleration, _second_derivative(w, a, d, _cross(w, d)))
         _put(D, i, d)
-        j, factor = axis_of(fixed, i)
+        j, factor = axis_of(chain, i)
         dq, ddq = factor * state[1, j], factor * state[2, j]
         if prismatic[i]:
             acceleration = _plus(acceleration, _plus(_times(ddq, z), _times(2.0 * dq, wz)))
@@ -231,9 +238,9 @@ def torques_at(chain: Chain, bodies: Bodies, state: Array, work: Array, out: Arr
             m = _plus(m, _cross(_row(D, i + 1), f))
         f, m = _plus(f, _row(F, i)), _plus(m, _row(N, i))
         e = f if prismatic[i] else m
-        j, factor = axis_of(fixed, i)
-        value = T[i, 0, 2] * e[0] + T[i, 1, 2] * e[1] + T[i, 2, 2] * e[2] + motor[i] * (factor * state[2, j])
-        out[j] += factor * value
+        j, factor = axis_of(chain, i)
+        torque = T[i, 0, 2] * e[0] + T[i, 1, 2] * e[1] + T[i, 2, 2] * e[2] + motor[i] * (factor * state[2, j])
+        out[j] = torque if len(chain) == 3 else out[j] + factor * torque
 
 
 @compiled
@@ -274,10 +281,11 @@ def mass_matrices(chain: Chain, bodies: Bodies, q: Array, out: Array) -> None:
 
     Shapes and units: q (k, n) [rad, m], out (k, n, n) [kg·m², kg·m, kg].
     """
-    fixed, prismatic, _tool = chain
+    prismatic = chain[1]
     mass, com, tensor, motor, _gravity = bodies
     n = mass.shape[0]
-    out[:] = 0.0
+    if len(chain) == 4:
+        out[:] = 0.0
     T, centre, about = np.empty((n, 4, 4)), np.empty(3), np.empty((3, 3))
     for k in range(q.shape[0]):
         frames(chain, q[k], T)
@@ -302,12 +310,16 @@ def mass_matrices(chain: Chain, bodies: Bodies, q: Array, out: Array) -> None:
                 axis = (T[j, 0, 2], T[j, 1, 2], T[j, 2, 2])
                 arm = (centre[0] - T[j, 0, 3], centre[1] - T[j, 1, 3], centre[2] - T[j, 2, 3])
                 moved = push if prismatic[j] else _plus(spin, _cross(arm, push))
-                (row, a), (column, b) = axis_of(fixed, i), axis_of(fixed, j)
                 value = axis[0] * moved[0] + axis[1] * moved[1] + axis[2] * moved[2]
-                out[k, row, column] += a * b * value
-                if j < i:
-                    out[k, column, row] += a * b * value
-            row, a = axis_of(fixed, i)
+                if len(chain) == 3:
+                    out[k, i, j] = value
+                    out[k, j, i] = out[k, i, j]
+                else:
+                    (row, a), (column, b) = axis_of(chain, i), axis_of(chain, j)
+                    out[k, row, column] += a * b * value
+                    if j < i:
+                        out[k, column, row] += a * b * value
+            row, a = axis_of(chain, i)
             out[k, row, row] += a * a * motor[i]
 
 
@@ -339,12 +351,13 @@ def path_torques(chain: Chain, bodies: Bodies, path: Array, out: Array) -> None:
 
     Shapes and units: path (4, k, n) [as q over powers of s], out (k, 6, n) [as torque over powers of s].
     """
-    fixed, prismatic, _tool = chain
+    prismatic = chain[1]
     mass, _com, _tensor, motor, gravity = bodies
     k, n = path.shape[1], mass.shape[0]
     work, state = np.empty((8, n + 1, 4, 4)), np.empty((4, path.shape[2]))
+    if len(chain) == 4:
+        out[:] = 0.0
     T, down = work[0], (gravity[0], gravity[1], gravity[2])
-    out[:] = 0.0
     for at in range(k):
         for order in range(4):
             for i in range(path.shape[2]):
@@ -371,10 +384,14 @@ def path_torques(chain: Chain, bodies: Bodies, path: Array, out: Array) -> None:
                 p, dp = _dot(z, L), _dot(dz, L) + _dot(z, _plus(m, _cross(P, do)))
                 c, dc = _dot(z, m), _dot(z, dm) + _dot(dz, m)
                 g, dg = -_dot(z, _cross(S, down)), -_dot(dz, _cross(S, down)) - _dot(z, _cross(moved, down))
-            j, factor = axis_of(fixed, i)
+            j, factor = axis_of(chain, i)
             v, a, jerk = factor * state[1, j], factor * state[2, j], factor * state[3, j]
             p, dp = p + motor[i] * v, dp + motor[i] * a
             c, dc = c + motor[i] * a, dc + motor[i] * jerk
-            value = (p, c, g, dp + 2.0 * c, dc, dg)
-            for order in range(6):
-                out[at, order, j] += factor * value[order]
+            if len(chain) == 3:
+                out[at, 0, i], out[at, 1, i], out[at, 2, i] = p, c, g
+                out[at, 3, i], out[at, 4, i], out[at, 5, i] = dp + 2.0 * c, dc, dg
+            else:
+                value = (p, c, g, dp + 2.0 * c, dc, dg)
+                for order in range(6):
+                    out[at, order, j] += factor * value[order]

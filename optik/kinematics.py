@@ -11,6 +11,7 @@ other kernel, because counting references around a call takes 5 to 10 % of an it
 from __future__ import annotations
 
 from math import cos, sin
+from typing import Any
 
 import numpy as np
 
@@ -21,32 +22,32 @@ from optik.types import Array, Flags
 
 Triple = tuple[float, float, float]
 
-Chain = tuple[Array, Flags, Array]
+Chain = tuple[Any, ...]
 """An arm as kernels take it: fixed (n, 4, 4), the transforms [1, m] from the joint before (the base, for the first) to
 each joint at q = 0; prismatic (n,), flags of prismatic joints; tool (4, 4), the transform from the last joint to the tool.
 
-The chain of a linkage has N axes for n joints: axis i has the value factor · q[joint] + offset, and the last row of its fixed
-transform holds joint, factor, offset and 0, where that of another arm holds 0, 0, 0 and 1. Kernels that use the axes themselves, and not
-only their frames, the tool and the Jacobian, take the chain of `ArmModel.axes` and values of the axes instead; those of
-`optik.dynamics` read such a chain."""
+That of a linkage has N axes for n joints, and a fourth array (N, 3): joint k, factor and offset of each axis, whose value is
+factor · q_k + offset. Its kernels are compiled apart, as ``len(chain)`` is constant in each. Kernels that unpack three arrays
+take the chain of `ArmModel.axes`, and values of the axes."""
 Range = tuple[Array, Array]
 """Position limits, or bounds of an iteration, as kernels take them: lower (n,) and upper (n,) [rad, m]."""
 
 
 @inlined
-def axis_of(fixed: Array, i: int) -> tuple[int, float]:
-    """Return the joint that axis i follows, and the factor of its motion [1]."""
-    return (i, 1.0) if fixed[i, 3, 3] == 1.0 else (int(fixed[i, 3, 0]), fixed[i, 3, 1])
+def axis_of(chain: Chain, i: int) -> tuple[int, float]:
+    """Return the joint that axis i of a chain follows, and the factor [1]."""
+    if len(chain) == 3:
+        return i, 1.0
+    return int(chain[3][i, 0]), chain[3][i, 1]
 
 
 @inlined
 def turns(chain: Chain, i: int) -> bool:
     """Return whether whole turns of joint i leave all links in place."""
-    fixed, prismatic, _tool = chain
-    if fixed[0, 3, 3] == 1.0:
-        return not prismatic[i]
-    for k in range(fixed.shape[0]):
-        if fixed[k, 3, 0] == i and (prismatic[k] or fixed[k, 3, 1] != round(fixed[k, 3, 1])):
+    if len(chain) == 3:
+        return not chain[1][i]
+    for k in range(chain[0].shape[0]):
+        if chain[3][k, 0] == i and (chain[1][k] or chain[3][k, 1] != round(chain[3][k, 1])):
             return False
     return True
 
@@ -57,12 +58,10 @@ def frames(chain: Chain, q: Array, out: Array) -> None:
 
     Shapes and units: q (n,) [rad, m], out (N, 4, 4) [1, m] (overwritten).
     """
-    fixed, prismatic, _tool = chain
-    plain = fixed[0, 3, 3] == 1.0
-    for i in range(fixed.shape[0]):
-        t = fixed[i]
-        value = q[i] if plain else t[3, 1] * q[int(t[3, 0])] + t[3, 2]
-        c, s = cos(value), sin(value)
+    fixed, prismatic = chain[0], chain[1]
+    for i in range(q.shape[0] if len(chain) == 3 else fixed.shape[0]):
+        value = q[i] if len(chain) == 3 else chain[3][i, 1] * q[int(chain[3][i, 0])] + chain[3][i, 2]
+        t, c, s = fixed[i], cos(value), sin(value)
         for r in range(3):
             if i == 0:
                 x, y, z, p = t[r, 0], t[r, 1], t[r, 2], t[r, 3]
@@ -84,7 +83,7 @@ def frames(chain: Chain, q: Array, out: Array) -> None:
 @compiled
 def tool_pose(chain: Chain, frame: Array, out: Array) -> None:
     """Write the tool pose for given axis frames: frame (N, 4, 4) [1, m], out (4, 4) [1, m] (overwritten)."""
-    _fixed, _prismatic, tool = chain
+    tool = chain[2]
     last = frame.shape[0] - 1
     for r in range(3):
         for k in range(4):
@@ -100,19 +99,9 @@ def jacobian_from(chain: Chain, frame: Array, T: Array, J: Array) -> None:
 
     Shapes and units: frame (N, 4, 4) [1, m], T (4, 4) [1, m], J (6, n) [m/rad, 1] (overwritten).
     """
-    fixed, prismatic, _tool = chain
-    if fixed[0, 3, 3] != 1.0:
-        J[:] = 0.0
-        for i in range(frame.shape[0]):
-            z0, z1, z2 = fixed[i, 3, 1] * frame[i, 0, 2], fixed[i, 3, 1] * frame[i, 1, 2], fixed[i, 3, 1] * frame[i, 2, 2]
-            j, r = int(fixed[i, 3, 0]), (T[0, 3] - frame[i, 0, 3], T[1, 3] - frame[i, 1, 3], T[2, 3] - frame[i, 2, 3])
-            if prismatic[i]:
-                J[0, j], J[1, j], J[2, j] = J[0, j] + z0, J[1, j] + z1, J[2, j] + z2
-            else:
-                J[0, j] += z1 * r[2] - z2 * r[1]
-                J[1, j] += z2 * r[0] - z0 * r[2]
-                J[2, j] += z0 * r[1] - z1 * r[0]
-                J[3, j], J[4, j], J[5, j] = J[3, j] + z0, J[4, j] + z1, J[5, j] + z2
+    prismatic = chain[1]
+    if len(chain) == 4:
+        _linkage_jacobian(chain, frame, T, J)
         return
     for i in range(frame.shape[0]):
         zx, zy, zz = frame[i, 0, 2], frame[i, 1, 2], frame[i, 2, 2]
@@ -125,6 +114,23 @@ def jacobian_from(chain: Chain, frame: Array, T: Array, J: Array) -> None:
             J[1, i] = zz * rx - zx * rz
             J[2, i] = zx * ry - zy * rx
             J[3, i], J[4, i], J[5, i] = zx, zy, zz
+
+
+@compiled
+def _linkage_jacobian(chain: Chain, frame: Array, T: Array, J: Array) -> None:
+    """Write the sums of the columns of the axes that follow each joint, times their factors."""
+    J[:] = 0.0
+    for i in range(frame.shape[0]):
+        j, factor = axis_of(chain, i)
+        z0, z1, z2 = factor * frame[i, 0, 2], factor * frame[i, 1, 2], factor * frame[i, 2, 2]
+        rx, ry, rz = T[0, 3] - frame[i, 0, 3], T[1, 3] - frame[i, 1, 3], T[2, 3] - frame[i, 2, 3]
+        if chain[1][i]:
+            J[0, j], J[1, j], J[2, j] = J[0, j] + z0, J[1, j] + z1, J[2, j] + z2
+        else:
+            J[0, j] += z1 * rz - z2 * ry
+            J[1, j] += z2 * rx - z0 * rz
+            J[2, j] += z0 * ry - z1 * rx
+            J[3, j], J[4, j], J[5, j] = J[3, j] + z0, J[4, j] + z1, J[5, j] + z2
 
 
 @inlined
@@ -241,8 +247,8 @@ def tool_motion(chain: Chain, frame: Array, T: Array, q: Array, dq: Array, out: 
     Shapes and units: frame (N, 4, 4) [1, m], T (4, 4) [1, m], q (n,) [rad, m], dq (3, n) [rad, m], out (3, 6) [m, rad]
     (overwritten).
     """
-    fixed, prismatic, _tool = chain
-    n, plain = fixed.shape[0], fixed[0, 3, 3] == 1.0
+    fixed, prismatic = chain[0], chain[1]
+    n = q.shape[0] if len(chain) == 3 else fixed.shape[0]
     zero = (0.0, 0.0, 0.0)
     w0, w1, w2, p1, p2, p3 = zero, zero, zero, zero, zero, zero
     for i in range(n + 1):
@@ -264,10 +270,10 @@ def tool_motion(chain: Chain, frame: Array, T: Array, q: Array, dq: Array, out: 
             break
         z = (frame[i, 0, 2], frame[i, 1, 2], frame[i, 2, 2])
         z1, z2, z3 = _rotation_derivatives(w0, w1, w2, z)  # rotation with the previous link
-        j, factor = axis_of(fixed, i)
+        j, factor = axis_of(chain, i)
         a, b, c = factor * dq[0, j], factor * dq[1, j], factor * dq[2, j]
         if prismatic[i]:
-            x = q[i] if plain else factor * q[j] + fixed[i, 3, 2]
+            x = q[i] if len(chain) == 3 else factor * q[j] + chain[3][i, 2]
             p1 = _plus(_plus(p1, a, z), x, z1)
             p2 = _plus(_plus(_plus(p2, b, z), 2.0 * a, z1), x, z2)
             p3 = _plus(_plus(_plus(_plus(p3, c, z), 3.0 * b, z1), 3.0 * a, z2), x, z3)

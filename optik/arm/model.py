@@ -178,9 +178,8 @@ class ArmModel:
         """The arm as kernels take it: (fixed, prismatic, tool)."""
         if (follow := self.linkage) is None:
             return self.fixed, self.prismatic, self.tool
-        fixed = np.array(self.fixed)
-        fixed[:, 3] = np.stack([follow.joint, follow.factor, follow.offset, np.zeros(len(fixed))], axis=1)
-        return freeze(fixed, "fixed"), follow.prismatic, self.tool
+        relations = freeze(np.stack([follow.joint, follow.factor, follow.offset], axis=1), "linkage")
+        return self.fixed, follow.prismatic, self.tool, relations
 
     @property
     def n(self) -> int:

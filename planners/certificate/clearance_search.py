@@ -48,7 +48,7 @@ def _locate_end(
 
     joint (4, n): velocities at the middle, and bounds over the interval on displacement, velocity and acceleration.
     """
-    _fixed, prismatic, _tool = chain
+    prismatic = chain[1]
     places, velocity, away, bent = moved
     x, y, z = transform_point(frame, link, (point[0], point[1], point[2]))
     places[k, e, 0], places[k, e, 1], places[k, e, 2] = x, y, z

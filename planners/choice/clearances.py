@@ -187,7 +187,7 @@ def pair_rooms(
                 else:
                     d0, d1, d2 = x - frame[j, 0, 3], y - frame[j, 1, 3], z - frame[j, 2, 3]
                     rate = u0 * (z1 * d2 - z2 * d1) + u1 * (z2 * d0 - z0 * d2) + u2 * (z0 * d1 - z1 * d0)
-                of, factor = kinematics.axis_of(chain[0], j)
+                of, factor = kinematics.axis_of(chain, j)
                 slope[k, s, of] += factor * rate
 
 

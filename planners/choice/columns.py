@@ -45,15 +45,14 @@ def joint_changes(chain: Chain, rows: Array, fields: Array, path: Array, h: Arra
 
     Shapes and units: rows (r, n), fields (k, d, 4, 6), D = d + r, path (4, k, n).
     """
-    n, r, d, fixed = path.shape[2], rows.shape[0], fields.shape[1], chain[0]
-    N = fixed.shape[0]
+    n, r, d, N = path.shape[2], rows.shape[0], fields.shape[1], chain[0].shape[0]
     T, S, V = np.empty((N, 4, 4)), np.empty((N, 4, 6)), np.empty((N, 3, 6))
     A, beta, order, b = np.empty((6 + r, n)), np.empty(n), np.empty(n, np.int64), np.empty(6 + r)
     for k in range(path.shape[1]):
         move(chain, path, k, T, S, V)
         A[:] = 0.0
         for i in range(N):
-            at, factor = axis_of(fixed, i)
+            at, factor = axis_of(chain, i)
             for x in range(6):
                 A[x, at] += factor * S[i, 0, x]
         for i in range(n):
@@ -66,7 +65,7 @@ def joint_changes(chain: Chain, rows: Array, fields: Array, path: Array, h: Arra
                     b[x] = fields[k, c, m, x] if c < d else 0.0
                     for i in range(1, m + 1):
                         for j in range(N):
-                            at, factor = axis_of(fixed, j)
+                            at, factor = axis_of(chain, j)
                             b[x] -= CHOOSE[m, i] * S[j, i, x] * (factor * h[k, m - i, c, at])
                 for x in range(r):
                     b[6 + x] = 1.0 if m == 0 and c == d + x else 0.0
@@ -91,7 +90,7 @@ def tool_changes(chain: Chain, path: Array, twist: Array, change: Array) -> None
             twist[k, 3 + x] = w[x]
             twist[k, x] = w[3 + x] + w[y] * p[z] - w[z] * p[y]
         for j in range(n):
-            s, (at, factor) = S[j, 0], axis_of(chain[0], j)
+            s, (at, factor) = S[j, 0], axis_of(chain, j)
             for x in range(6):
                 ahead[x] = w[x] - V[j, 0, x]
             for order in range(2):

@@ -62,12 +62,12 @@ def _dot(a: Array, b: Array) -> float:
 @compiled
 def move(chain: Chain, path: Array, at: int, T: Array, S: Array, V: Array) -> None:
     """Write the screws of the axes and the velocities of the links, with their derivatives, at one point of a path."""
-    fixed, prismatic, _tool = chain
+    prismatic = chain[1]
     n = S.shape[0]
     frames(chain, path[0, at], T)
     S[:], V[:] = 0.0, 0.0
     for i in range(n):
-        j, factor = axis_of(fixed, i)
+        j, factor = axis_of(chain, i)
         if prismatic[i]:
             for x in range(3):
                 S[i, 0, 3 + x] = T[i, x, 2]

@@ -167,8 +167,7 @@ def deviation_bounds(robot: Robot, path: Path, s: Array, q: Array, dq: Array, pi
 
     def bounds(s: Array, q: Array, dq: Array) -> Array:
         out = np.empty((len(s) - 1, 2))
-        q, dq = robot.spread(q), robot.spread(dq, 1)
-        march.pieces_bound(robot.axes.chain, s, q, dq, path.pose(s), path.twist(s), fourth_bounds(path, s, pieces), out)
+        march.pieces_bound(robot.chain, s, q, dq, path.pose(s), path.twist(s), fourth_bounds(path, s, pieces), out)
         return out
 
     out = bounds(s, q, dq)

@@ -7,7 +7,7 @@ from math import asin, sin
 import numpy as np
 
 from optik.compiled import compiled
-from optik.kinematics import Chain, Range, frames, tool_motion, tool_pose
+from optik.kinematics import Chain, Range, axis_of, frames, tool_motion, tool_pose
 from optik.linear import copy_vector
 from optik.newton import derivatives_at, polish
 from optik.types import Array
@@ -59,8 +59,8 @@ def piece_bound(chain: Chain, h: float, b: Array, fourth: Array) -> tuple[float,
 
     Shapes and units: h [m, or rad], b (n, 6) [rad, m], fourth (2,) [1/m³, 1/m⁴]. Returns distance, angle  [m].
     """
-    fixed, prismatic, tool = chain
-    n = b.shape[0]
+    fixed, prismatic, tool = chain[0], chain[1], chain[2]
+    n = b.shape[0] if len(chain) == 3 else fixed.shape[0]
     m = np.zeros(5)  # Σ over the joints so far of the bounds on |θ⁽ᵏ⁾|
     d, x = np.empty(6), np.zeros(5)
     B = np.zeros(5)  # bounds on the derivatives of the chain's rotation so far
@@ -72,8 +72,9 @@ def piece_bound(chain: Chain, h: float, b: Array, fourth: Array) -> tuple[float,
         p4 += B[4] * np.sqrt(x0 * x0 + y0 * y0 + z0 * z0)
         if i == n:
             break
+        of, ratio = axis_of(chain, i)
         for k in range(6):
-            d[k] = b[i, k]
+            d[k] = b[i, k] if len(chain) == 3 else ratio * b[of, k] + chain[3][i, 2]
         scale = 1.0
         for k in range(5):  # the derivative's Bézier points are differences: they bound it
             x[k] = 0.0

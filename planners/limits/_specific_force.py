@@ -87,7 +87,7 @@ class SpecificForceLimit(SampledLimit):
         """Return the kinematics of the object's centre of mass."""
         tool = robot.tool.copy()
         tool[:3, 3] += tool[:3, :3] @ self._object(robot, bound)[1]
-        return (*robot.chain[:2], tool)
+        return (*robot.chain[:2], tool, *robot.chain[3:])
 
     def _move(self, robot: Robot, bound: Any, q: Array, dq: Array) -> tuple[Array, Array, Array]:
         """Return Rᵀ g, R (k, 3, 3) and the twist of the centre of mass with two derivatives (k, 3, 6)."""

@@ -208,7 +208,7 @@ def _set_interval(chain: Chain, a: Array, b: Array, deviation: Array, t: float, 
     for j in range(a.shape[0]):
         q[j] = a[j] + t * (b[j] - a[j])
     for i in range(frame.shape[0]):
-        j, factor = kinematics.axis_of(chain[0], i)
+        j, factor = kinematics.axis_of(chain, i)
         d = factor * (b[j] - a[j])
         joint[0, i], joint[2, i] = d, abs(d)
         joint[1, i] = h * abs(d) + abs(factor) * deviation[j]
