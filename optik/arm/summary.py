@@ -43,6 +43,8 @@ def tool_facts(robot: ArmModel, tool: Array) -> list[tuple[str, str]]:
         ("Tool, joints in mid-range", f"({', '.join(f'{value + 0.0:.4g}' for value in np.round(x, 2))}) mm"),
         ("Shapes", "none" if robot.shapes is None else f"{robot.shapes.m} capsules"),
     ]
+    if robot.shapes is not None and (excess := robot.shapes.describe_excess()):
+        facts.append(("Shapes exceed the links by", excess))
     if robot.motors is not None:
         facts.append(
             ("Motors", f"{', '.join(robot.motors.names)} move these axes together, inside ranges of their own")

@@ -91,8 +91,8 @@ def read_urdf(
         _warn_of_moving_mount(tree, base)
     if folders is None:
         return arm
-    from optik.arm.shapes.contact import warn_of_contact
-    from optik.arm.shapes.urdf import read_shapes
+    from optik.arm.shapes.contact import leave_out_contact
+    from optik.arm.shapes.urdf import place_links, read_shapes
 
     for link in check_words(without_shape, "without_shape"):
         for element in tree.parts(_check_link(tree, link, "without_shape"), "collision"):
@@ -101,8 +101,7 @@ def read_urdf(
     if enclosed.unread:
         warnings.warn(UnreadShapeWarning(tree.name, enclosed.describe_unread(), enclosed.unread), stacklevel=3)
     arm = arm.with_shapes(enclosed if srdf is None else enclosed.with_srdf(srdf))
-    warn_of_contact(arm, tree, {base, *(joint.child for joint in chain)})
-    return arm
+    return leave_out_contact(arm, tree, place_links(base, placed), folders)
 
 
 def _check_link(tree: Tree, link: str, argument: str) -> str:

@@ -46,6 +46,8 @@ capsule_radius (c,), planes (p, 6), and `pack_solids` [m, 1]."""
 Bodies = tuple[Capsules, Objects, Indices, Hulls]
 """The capsules of an arm, the scene, the checked pairs (k, 3): capsule, number of the second body among those of its kind, and
 that kind; and the hulls of both. Of two capsules of the arm the first is on the later link."""
+ADVISING_SAMPLES = 1000
+"""Number of random configurations by which an advice tells whether a pair of shapes can be apart."""
 HULLS_FROM = 0.01
 """Room of capsules [m] up to which the hulls decide: above 0, so that the room has no steps where capsules begin to touch."""
 ALLOWED, STILL, TOUCHING = "allowed by the scene", "neither moves", "neither moves: in contact"
@@ -194,6 +196,21 @@ def find_contact(robot: Robot, scene: Scene, q: ArrayLike) -> Contact:
     if k < 0:
         return Contact(room, room, ("", ""))
     return Contact(room, room if pairs.bodies[k, 2] == SELF else room + scene.margin, pairs.names[k])
+
+
+def advise_contact(robot: Robot, scene: Scene, pair: tuple[str, str], other: str) -> str:
+    """Return what to try against the contact of a pair of shapes; `other` where some sampled configuration is free of it."""
+    capsules, arrays, bodies, hulls = bodies_of(robot, scene)
+    of = bodies[[names == pair for names in find_pairs(robot, scene).names]]
+    q = robot.limits.sample(np.random.default_rng(0), ADVISING_SAMPLES)
+    room, which = np.empty(len(q)), np.empty(len(q), np.int64)
+    rooms_batch(robot.chain, (capsules, arrays, of, hulls), q, scene.margin, room, which)
+    one, second = pair
+    apart = f"leave the pair out, if it cannot collide (srdf=, or shapes.with_apart([({one!r}, {second!r}, reason)]))"
+    remedy = apart if SELF in of[:, 2] else "this pair in scene.allow, if it may be in contact"
+    if (room <= 0.0).all():
+        return f"{one} and {second} are in contact in each of {len(q)} sampled configurations: {remedy}"
+    return f"{other}; or {remedy}" if SELF in of[:, 2] else f"{other}, or a smaller margin; or {remedy}"
 
 
 # ---------------------------------------------------------------- kernels

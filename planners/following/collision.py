@@ -8,7 +8,7 @@ import numpy as np
 
 from optik.arm.robot import Robot
 from optik.scene import Scene
-from optik.scene.contact import Contact, check_scene, find_contact, find_nearest_pairs
+from optik.scene.contact import Contact, advise_contact, check_scene, find_contact, find_nearest_pairs
 from optik.types import Array
 from planners.certificate.clearance import Clearance, clearance
 from planners.following.failure import FollowStatus, PlanFailure, format_position
@@ -52,7 +52,7 @@ class CollisionCheck:
         if near.room > 0.0:
             return None
         reason = f"the start configuration is in collision: {self._describe(near)}"
-        advice = "another start, or a smaller margin; or this pair in scene.allow, if it may be in contact"
+        advice = advise_contact(self.robot, self.scene, near.pair, "another start")
         return PlanFailure(FollowStatus.CONTACT, 0.0, None, reason, advice)
 
     def check_path(self, joints: JointPath) -> PlanFailure | None:

@@ -13,7 +13,7 @@ from optik.errors import InvalidInput, NoSolution
 from optik.ik.problem import check_start
 from optik.registry import build_method
 from optik.scene import Scene
-from optik.scene.contact import find_contact
+from optik.scene.contact import advise_contact, find_contact
 from optik.types import Array
 from planners.paths.goal import check_winding, find_continuous
 from planners.search._goals import list_goals
@@ -168,7 +168,7 @@ def _refuse(space: JointSpace, q: Array, start: Array) -> SearchResult:
     margin = f", and the margin is {1e3 * space.scene.margin:.3g} mm" if near.distance > 0.0 else ""
     gap = f"{1e3 * near.distance:.3g} mm" if near.distance > 0.0 else "contact"
     reason = f"{words}: {gap} between {near.pair[0]} and {near.pair[1]}{margin}"
-    advice = "another configuration, or a smaller margin; or this pair in scene.allow, if it may be in contact"
+    advice = advise_contact(space.robot, space.scene, near.pair, "another configuration")
     return SearchResult(status, (), 0, reason, advice)
 
 

@@ -12,7 +12,6 @@ from scipy.spatial.transform import Rotation
 
 import optik
 from optik.arm.shapes import cache
-from optik.arm.shapes.contact import segment_distances
 from optik.arm.shapes.enclosure import Capsule
 from optik.arm.shapes.sweep import MOST_SWEPT, SweepStep, sweep_capsules, turn_points
 from optik.errors import EnclosureWarning, InvalidInput
@@ -176,22 +175,6 @@ def test_a_file_is_loaded_with_held_joints_and_only_a_urdf_has_some(tmp_path):
 
 
 # ---------------------------------------------------------------- wrong enclosures
-@pytest.mark.parametrize("kind", ["any", "points", "parallel", "crossing"])
-def test_distances_of_segments_are_the_least_of_points_on_them(kind):
-    rng = np.random.default_rng(0)
-    a, b, c, d = rng.normal(size=(4, 60, 3))
-    if kind == "points":
-        b[:30], d[15:45] = a[:30], c[15:45]
-    elif kind == "parallel":
-        d = c + rng.normal(size=(60, 1)) * (b - a)
-    elif kind == "crossing":
-        d = a + rng.uniform(size=(60, 1)) * (b - a) + rng.uniform(size=(60, 1)) * (a + 0.3 * (b - a) - c)
-    found, t = segment_distances(a, b, c, d), np.linspace(0.0, 1.0, 4001)[:, None]
-    for i in range(60):
-        least = distances(a[i] + t * (b[i] - a[i]), c[i], d[i], 0.0).min()
-        assert least - 1e-3 <= found[i] <= least + 1e-12
-
-
 def test_links_that_touch_in_every_configuration_are_named_with_the_joint_to_hold():
     wide = FINGER.replace('lower="-.1" upper="1.2"', 'lower="-3" upper="3"').replace('length=".08"', 'length=".4"')
     with pytest.warns(EnclosureWarning, match=r"'lower' and 'left'|'upper' and 'left'") as caught:

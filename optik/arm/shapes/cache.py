@@ -1,4 +1,4 @@
-"""Cache of enclosures in the user's cache folder, by the content from which they are computed.
+"""Cache of enclosures, and of how often they touch, in the user's cache folder, by the content from which they are computed.
 
 A file is named by the SHA-256 of that content and of the code that encloses. It holds the capsules as numbers behind
 their SHA-256, which detects damage. A damaged file is replaced. Without a folder that can be written, nothing is cached.
@@ -22,7 +22,7 @@ from optik.types import Array, content
 
 MOST_FILES = 2000
 """Most cached enclosures, of some kilobytes each: beyond it, the older half is deleted."""
-CODE = ("cache.py", "enclosure.py", "hull_distance.py", "hulls.py", "meshes.py", "sweep.py")
+CODE = ("cache.py", "contact.py", "enclosure.py", "hull_distance.py", "hulls.py", "meshes.py", "sweep.py")
 """Files whose change makes cached enclosures invalid."""
 SHA256_BYTES = 32
 """Length of a SHA-256."""
@@ -33,28 +33,7 @@ excess."""
 
 def enclose_once(enclose: Callable[[], list[Capsule]], *source: Any) -> list[Capsule]:
     """Return the capsules that a function computes from arrays, texts and bytes, from the cache if they are there."""
-    folder = _find_folder()
-    if folder is None:
-        return enclose()
-    parts = [hashlib.sha256(part).digest() if isinstance(part, bytes) else part for part in source]
-    file = folder / hashlib.sha256(_digest_code() + repr(content(parts)).encode()).hexdigest()
-    found = _read(file)
-    if found is None:
-        found = enclose()
-        _write(file, _to_numbers(found))
-    return found
-
-
-def _read(file: Path) -> list[Capsule] | None:
-    """Read the capsules in a file; None if it is missing or damaged."""
-    try:
-        data = file.read_bytes()
-    except OSError:
-        return None
-    rows = data[SHA256_BYTES:]
-    if not rows or len(rows) % 8 or hashlib.sha256(rows).digest() != data[:SHA256_BYTES]:
-        return None
-    found, x = list[Capsule](), np.frombuffer(rows)
+    x, found = compute_once(lambda: _to_numbers(enclose()), *source), list[Capsule]()
     while len(x):
         (*_, radius, excess, count), a, b, x, hulls = x[:CAPSULE].tolist(), x[:3], x[3:6], x[CAPSULE:], list[Hull]()
         for _ in range(int(count)):
@@ -76,8 +55,34 @@ def _to_numbers(found: list[Capsule]) -> Array:
     return np.concatenate(parts)
 
 
+def compute_once(compute: Callable[[], Array], *source: Any) -> Array:
+    """Return the numbers that a function computes from arrays, texts and bytes, from the cache if they are there."""
+    folder = _find_folder()
+    if folder is None:
+        return compute()
+    parts = [hashlib.sha256(part).digest() if isinstance(part, bytes) else part for part in source]
+    file = folder / hashlib.sha256(_digest_code() + repr(content(parts)).encode()).hexdigest()
+    found = _read(file)
+    if found is None:
+        found = compute()
+        _write(file, found)
+    return found
+
+
+def _read(file: Path) -> Array | None:
+    """Read the numbers in a file; None if it is missing or damaged."""
+    try:
+        data = file.read_bytes()
+    except OSError:
+        return None
+    rows = data[SHA256_BYTES:]
+    if not rows or len(rows) % 8 or hashlib.sha256(rows).digest() != data[:SHA256_BYTES]:
+        return None
+    return np.frombuffer(rows)
+
+
 def _write(file: Path, rows: Array) -> None:
-    """Write capsules to a file, and delete the older half of the files if there are too many; a full disk is no error."""
+    """Write numbers to a file, and delete the older half of the files if there are too many; a full disk is no error."""
     data = rows.tobytes()
     with contextlib.suppress(OSError, OutputError):
         write_atomically(file, lambda part: part.write_bytes(hashlib.sha256(data).digest() + data))

@@ -13,7 +13,7 @@ import numpy as np
 from optik import kinematics
 from optik.compiled import compiled, inlined
 from optik.kinematics import Chain, Triple
-from optik.types import Array, Indices
+from optik.types import Array, Flags, Indices
 
 Hulls = tuple[Indices, Array, Array, Indices]
 """Hulls of bodies as kernels take them: first hull and link (bodies + 1, 2) of each body; of each hull (h, 7) the range of its
@@ -23,6 +23,8 @@ Pose = tuple[float, float, float, float, float, float, float, float, float, floa
 """The upper three rows of a transform."""
 HULL_ERROR = 1e-9
 """Gap between a distance found and its lower bound [m] at which the search ends."""
+MOST_KNOWN = 1000
+"""Most pairs of triangles that are remembered."""
 MOST_STEPS = 200
 """Most steps of a search: the lower bound of the last one holds."""
 
@@ -174,6 +176,13 @@ def hull_distance(
     return bound, length, normal, point
 
 
+@inlined
+def _is_far(a: Triple, b: Triple, reach: float) -> bool:
+    """Return whether two points are farther apart than a distance."""
+    x, y, z = a[0] - b[0], a[1] - b[1], a[2] - b[2]
+    return bool(x * x + y * y + z * z > reach * reach)
+
+
 @compiled
 def nearest_hulls(one: int, other: int, hulls: Hulls, frame: Array) -> tuple[float, Triple, Triple]:
     """Return a lower bound on the distance of two bodies by their hulls, a unit normal, and the nearest point of the first.
@@ -190,8 +199,7 @@ def nearest_hulls(one: int, other: int, hulls: Hulls, frame: Array) -> tuple[flo
         for j in range(index[other, 0], index[other + 1, 0]):
             d = _place(U, heads[j, 2], heads[j, 3], heads[j, 4])
             off, thick = (c[0] - d[0], c[1] - d[1], c[2] - d[2]), heads[i, 6] + heads[j, 6]
-            reach = best + heads[i, 5] + heads[j, 5]
-            if reach > 0.0 and off[0] * off[0] + off[1] * off[1] + off[2] * off[2] >= reach * reach:
+            if _is_far(c, d, best + heads[i, 5] + heads[j, 5]):
                 continue
             spans = (int(heads[i, 0]), int(heads[i, 1]), int(heads[j, 0]), int(heads[j, 1]))
             bound, _found, n, p = hull_distance(corners, spans, T, U, off, best + thick)
@@ -216,14 +224,54 @@ def distances_from_hull(corners: Array, points: Array, out: Array) -> None:
 
 
 @compiled
-def count_contacts(chain: Chain, hulls: Hulls, pairs: Indices, q: Array, count: Indices) -> None:
-    """Count for each pair of the arm's capsules the configurations in which their hulls are in contact.
+def find_contacts(chain: Chain, hulls: Hulls, pairs: Indices, q: Array, touching: Flags) -> None:
+    """Write which pairs of parts of an arm are in contact by their hulls at configurations.
 
-    Shapes and units: pairs (p, 2), q (k, n) [rad, m], count (p,).
+    Shapes and units: pairs (p, 3) of two bodies and the number of the pair of parts, q (k, n) [rad, m], touching (parts, k).
     """
     frame = np.empty((q.shape[1], 4, 4))
+    touching[:] = False
     for k in range(q.shape[0]):
         kinematics.frames(chain, q[k], frame)
         for p in range(pairs.shape[0]):
-            if nearest_hulls(pairs[p, 0], pairs[p, 1], hulls, frame)[0] <= 0.0:
-                count[p] += 1
+            if not touching[pairs[p, 2], k]:
+                touching[pairs[p, 2], k] = nearest_hulls(pairs[p, 0], pairs[p, 1], hulls, frame)[0] <= 0.0
+
+
+@inlined
+def _is_met(i: int, j: int, meshes: Hulls, T: Pose, U: Pose) -> bool:
+    """Return whether two triangles of meshes have a common point."""
+    _index, heads, corners, _kinds = meshes
+    c, d = _place(T, heads[i, 2], heads[i, 3], heads[i, 4]), _place(U, heads[j, 2], heads[j, 3], heads[j, 4])
+    if _is_far(c, d, heads[i, 5] + heads[j, 5]):
+        return False
+    spans = (int(heads[i, 0]), int(heads[i, 1]), int(heads[j, 0]), int(heads[j, 1]))
+    off = (c[0] - d[0], c[1] - d[1], c[2] - d[2])
+    return bool(hull_distance(corners, spans, T, U, off, np.inf)[1] <= HULL_ERROR)
+
+
+@compiled
+def count_crossings(chain: Chain, meshes: Hulls, balls: Array, q: Array) -> int:
+    """Return how many configurations from the first one on have contact of two meshes: bodies whose hulls are triangles.
+
+    Shapes and units: balls (2, 4) around the meshes, q (k, n) [rad, m].
+    """
+    index, heads, frame = meshes[0], meshes[1], np.empty((q.shape[1], 4, 4))
+    known, count = np.empty((MOST_KNOWN, 2), np.int64), 0  # pairs of triangles that touched before are tried first
+    for k in range(q.shape[0]):
+        kinematics.frames(chain, q[k], frame)
+        T, U = pose_of(frame, index[0, 1]), pose_of(frame, index[1, 1])
+        found, middle = False, _place(U, balls[1, 0], balls[1, 1], balls[1, 2])
+        for row in range(min(count, MOST_KNOWN)):
+            found = found or _is_met(known[row, 0], known[row, 1], meshes, T, U)
+        for i in range(index[1, 0]):
+            if found or _is_far(_place(T, heads[i, 2], heads[i, 3], heads[i, 4]), middle, heads[i, 5] + balls[1, 3]):
+                continue
+            for j in range(index[1, 0], index[2, 0]):
+                if _is_met(i, j, meshes, T, U):
+                    known[count % MOST_KNOWN], found = (i, j), True
+                    count += 1
+                    break
+        if not found:
+            return k
+    return q.shape[0]

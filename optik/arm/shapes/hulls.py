@@ -186,7 +186,7 @@ def _measure(hulls: list[Hull], tree: Any) -> list[Hull]:
     """
     solids = [find_hull(hull.corners) for hull in hulls]
     step = float(np.ptp(tree.data, axis=0).max()) / SPACING
-    thick = 2.0 * max(hull.radius for hull in hulls) + ENCLOSURE_ROUNDING
+    thick = 2.0 * max(hull.radius for hull in hulls) + MET
     found = []
     for k, hull in enumerate(hulls):
         others = [solid.planes for i, solid in enumerate(solids) if i != k and len(solid.planes)]
@@ -194,18 +194,16 @@ def _measure(hulls: list[Hull], tree: Any) -> list[Hull]:
         while len(triangles):
             middle = triangles.mean(axis=1)
             extent = np.linalg.norm(triangles - middle[:, None], axis=2).max(axis=1)
-            inside = [is_behind(triangles, planes, thick) for planes in others]
-            covered = np.zeros(len(triangles), np.bool_)
-            for one in inside:
-                covered |= one.all(axis=1)
-            if inside:
-                covered |= (extent < step) & np.any(inside, axis=0).all(axis=1)
-            triangles, middle, extent = triangles[~covered], middle[~covered], extent[~covered]
+            points = np.concatenate([triangles, middle[:, None]], axis=1)
+            inside = np.array([is_behind(points, planes, thick) for planes in others]).reshape(-1, len(points), 4)
+            within = inside.any(axis=0)
+            kept = ~(inside.all(axis=2).any(axis=0) | ((extent < step) & within.all(axis=1)))
+            triangles, middle, extent, within = triangles[kept], middle[kept], extent[kept], within[kept]
             distance = np.asarray(tree.query(middle)[0])
-            reach = distance + extent
-            open_ = (extent > step) & (reach > bound + step)
-            bound = max(bound, float(reach[~open_].max(initial=0.0)))
-            a, b, c = np.moveaxis(triangles[open_ & (reach > bound)], 1, 0)
+            least = max(bound, float(distance[~within[:, 3]].max(initial=0.0)))
+            open_ = (distance + extent > least + 0.2 * step) | (within.any(axis=1) & (extent >= step))
+            bound = max(bound, float((distance + extent)[~open_].max(initial=0.0)))
+            a, b, c = np.moveaxis(triangles[open_], 1, 0)
             p, q, r = 0.5 * (a + b), 0.5 * (b + c), 0.5 * (c + a)
             corners = ((a, p, r), (p, b, q), (r, q, c), (p, q, r))
             triangles = np.concatenate([np.stack(part, axis=1) for part in corners])

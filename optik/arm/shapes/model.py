@@ -121,6 +121,16 @@ class Shapes:
         advice = f"give the shapes (a file, or shapes.with_part), or plan without them: without_shape={links}"
         return f"collision shapes that cannot be read ({words}{more}); plans with a scene are refused: {advice}"
 
+    def describe_excess(self) -> str:
+        """Describe by how much the shapes exceed the body of each part, where known: capsules, and hulls in brackets."""
+        words = []
+        for name in dict.fromkeys(self.names):
+            at = self.find_capsules(name)
+            finer = [hull.excess for k in at for hull in (self.hulls[k] if self.hulls else ())]
+            if np.isfinite(most := float(self.excess[at].max())):
+                words.append(f"{name} {1e3 * most:.2g}" + (f" (hulls {1e3 * max(finer):.2g})" if finer else ""))
+        return f"{', '.join(words)} mm" if words else ""
+
     # ------------------------------------------------------------ pairs
 
     def find_capsules(self, part: str | int) -> Indices:
@@ -189,7 +199,7 @@ class Shapes:
 
     def list_bodies(self) -> list[tuple[int, tuple[Array, Array]]]:
         """Return link and hulls of each capsule for `pack_hulls`; the capsule itself where there are none."""
-        rows = zip(*self.capsules, self.hulls, strict=True)
+        rows = zip(*self.capsules, self.hulls or [()] * self.m, strict=True)
         return [(link, list_hulls(of or [Hull(np.array([a, b]), radius)])) for link, a, b, radius, of in rows]
 
     # ------------------------------------------------------------ copies

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -18,6 +18,9 @@ from optik.arm.shapes.sweep import SweepStep, sweep_capsules
 from optik.arm.urdf_tree import Joint, Tree, check_plain, joint_origin, origin_pose, read_number, read_triple
 from optik.errors import InvalidInput, RobotModelError
 from optik.types import Array
+
+Rows: TypeAlias = list[tuple[int, Array, str]]
+"""Links of a chain: number of the arm's link, pose in its frame, and name."""
 
 
 def read_shapes(tree: Tree, base: str, placed: list[tuple[Joint, Array]], folders: MeshFolders, axis: Axis) -> Shapes:
@@ -35,9 +38,7 @@ def read_shapes(tree: Tree, base: str, placed: list[tuple[Joint, Array]], folder
             if steps:
                 found = enclose_once(partial(sweep_capsules, found, steps, ranges), found, steps, ranges)
             carried[carrier] += [(link, c) for c in found]
-    rows = [(0, np.eye(4), base)]
-    for joint, T in placed:
-        rows.append((rows[-1][0] + (joint.kind != "fixed"), T, joint.child))
+    rows = place_links(base, placed)
     capsules = [(i, name, c.transform(T)) for i, T, link in rows for name, c in carried[link]]
     if not capsules and not unread:
         raise RobotModelError(tree.name, "no <collision> on any link of the chain")
@@ -49,6 +50,26 @@ def read_shapes(tree: Tree, base: str, placed: list[tuple[Joint, Array]], folder
         unread=tuple(unread),
         hulls=tuple(c.hulls for *_, c in capsules) if any(c.hulls for *_, c in capsules) else (),
     )
+
+
+def place_links(base: str, placed: list[tuple[Joint, Array]]) -> Rows:
+    """Return for each link of a chain the number of the arm's link that it belongs to, its pose there, and its name."""
+    rows = [(0, np.eye(4), base)]
+    for joint, T in placed:
+        rows.append((rows[-1][0] + (joint.kind != "fixed"), T, joint.child))
+    return rows
+
+
+def read_surface(tree: Tree, link: str, T: Array, folders: MeshFolders) -> Array:
+    """Read the triangles (k, 3, 3) of a link's own meshes at a pose; none if another shape belongs to it."""
+    found, where = [np.zeros((0, 3, 3))], f"<collision> of link {link!r}"
+    for element in tree.parts(link, "collision"):
+        kind, shape = find_geometry(tree, element)
+        if kind != "mesh":
+            return found[0]
+        place = T @ origin_pose(tree.name, where, element.find(f"{tree.prefix}origin"))
+        found.append(read_triangles(tree.name, shape, where, folders) @ place[:3, :3].T + place[:3, 3])
+    return np.concatenate(found)
 
 
 def _read_own(tree: Tree, link: str, folders: MeshFolders, unread: list[tuple[str, str]]) -> list[Capsule]:
