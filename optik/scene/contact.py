@@ -202,9 +202,9 @@ def advise_contact(robot: Robot, scene: Scene, pair: tuple[str, str], other: str
     """Return what to try against the contact of a pair of shapes; `other` where some sampled configuration is free of it."""
     capsules, arrays, bodies, hulls = bodies_of(robot, scene)
     of = bodies[[names == pair for names in find_pairs(robot, scene).names]]
-    q = robot.limits.sample(np.random.default_rng(0), ADVISING_SAMPLES)
+    q = robot.spread(robot.limits.sample(np.random.default_rng(0), ADVISING_SAMPLES))
     room, which = np.empty(len(q)), np.empty(len(q), np.int64)
-    rooms_batch(robot.chain, (capsules, arrays, of, hulls), q, scene.margin, room, which)
+    rooms_batch(robot.axes.chain, (capsules, arrays, of, hulls), q, scene.margin, room, which)
     one, second = pair
     apart = f"leave the pair out, if it cannot collide (srdf=, or shapes.with_apart([({one!r}, {second!r}, reason)]))"
     remedy = apart if SELF in of[:, 2] else "this pair in scene.allow, if it may be in contact"
