@@ -25,7 +25,7 @@ class PointsOf(Stretch):
 
     def piece_bounds(self) -> Array:
         """Return bounds (k − 1, 2, 4) for each piece between breaks, 0 for the rotation."""
-        return super().piece_bounds() * np.array([[1.0], [0.0]])
+        return np.asarray(super().piece_bounds() * np.array([[1.0], [0.0]]))
 
 
 def without_rotation(values: Array, rotation: Array) -> Array:

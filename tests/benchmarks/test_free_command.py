@@ -57,6 +57,20 @@ def test_a_free_start_turns_the_tool_and_programs_read_it(typed: Any, tmp_path: 
     assert f"{100.0 * found['gain']:.3g} % shorter" in out and "start of the motion: --start-deg" in out
 
 
+@pytest.mark.parametrize(
+    ("freedoms", "words"), [(("turn,tilt",), ""), (("turn", "tilt"), ""), (("turn",), "µrad of the axis")]
+)
+def test_a_small_arm_follows_points_or_points_and_axes(typed: Any, freedoms: tuple[str, ...], words: str) -> None:
+    limits = ("--velocity", "2", "--acceleration", "10", "--jerk", "100")
+    start = ("--robot", "wx200", "--start-deg=12,17,-23,29,17", "--move=-0.05,0.06,0.03")
+    status, out, said = typed(
+        "plan", "line", *start, *limits, *(word for name in freedoms for word in ("--free", name))
+    )
+    assert status == 0, said
+    flat = " ".join(out.split())
+    assert words in flat and ("µrad" in flat) is bool(words)
+
+
 def test_another_law_says_what_it_does_with_freedoms(typed: Any) -> None:
     status, out, _ = typed(*LINE, "--free", "tilt=10", "--timing", "toppra")
     assert status == 0
