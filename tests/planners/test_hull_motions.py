@@ -10,6 +10,7 @@ import pytest
 import optik
 from optik import Scene, se3
 from optik.arm.robot import Robot
+from optik.arm.shapes.enclosure import CORNERS
 from optik.scene.contact import PLANE, SELF, bodies_of, find_contact, refine
 from optik.types import Array
 from planners import Trajectory
@@ -129,3 +130,28 @@ def test_a_point_to_point_motion_among_boxes_is_planned_where_capsules_refuse_it
     start, goal = np.array([0.0, 0.1, 0.1]), np.array([-1.0, 0.3, -0.3])
     assert not planners.find_path(capsules, start, goal, scene=scene)
     assert planners.find_path(arm, start, goal, scene=scene)
+
+
+BLADE = """<robot name="blade"><link name="base"/><link name="blade"/>
+<joint name="turn" type="revolute"><parent link="base"/><child link="blade"/><axis xyz="0 0 1"/>
+<limit lower="-3" upper="3" velocity="1" effort="1"/></joint></robot>"""
+
+
+def test_a_blade_that_turns_about_the_axis_of_its_capsule_is_seen_to_hit_a_box() -> None:
+    blade = 2.0 * CORNERS * (0.29, 0.02, 0.02)
+    shapes = optik.Shapes([(1, (0.0, 0.0, -0.01), (0.0, 0.0, 0.01), 0.3)], ("blade",), hulls=[[(blade, 0.0)]])
+    arm = optik.Robot.from_urdf(BLADE, "blade").with_shapes(shapes)
+    scene = Scene(boxes=[(se3.pose(p=(0.0, 0.2, 0.0)), (0.05, 0.05, 0.05))])
+    body = make_body(arm, scene)
+    for angle, free in ((0.7, True), (1.35, False), (2.6, False)):
+        assert (find_unproved(body, np.zeros(1), np.full(1, angle), np.zeros(1), make_work(body)) < 0) == free
+        motion = Trajectory(
+            quintic_through(np.array([0.0, 1.0]), np.array([[0.0], [angle]]), np.zeros((2, 1)), np.zeros((2, 1)))
+        )
+        found = clearance(arm, motion, scene)
+        assert found.proved == free and found.scene is not None
+        if free:
+            least = hull_distances(arm, scene, motion(np.linspace(0.0, 1.0, 501)))[:, 0].min()
+            assert 0.9 * least - 1e-4 <= found.scene.value <= least + 1e-9
+    found = find_unproved(body, np.zeros(1), np.full(1, 0.2), np.full(1, 0.3), make_work(body)) < 0
+    assert found and find_unproved(body, np.zeros(1), np.full(1, 0.2), np.full(1, 1.2), make_work(body)) >= 0

@@ -59,9 +59,8 @@ def enclose_body(triangles: Array) -> list[Capsule]:
     tree = sample_points(triangles)
     capsules, parts = enclose_parts(triangles, tree)
     whole = find_hull(triangles.reshape(-1, 3))
-    hulls = [
-        [round_hull(piece.points) for piece in _cut(part, (whole, c))] for part, c in zip(parts, capsules, strict=True)
-    ]
+    pieces = [_cut(part, (whole, c)) for part, c in zip(parts, capsules, strict=True)]
+    hulls = [[round_hull(piece.points) for piece in of] for of in pieces]
     every = [hull for of in hulls for hull in of]
     measured = iter(_measure(every, tree))
     return [c._replace(hulls=tuple(next(measured) for _ in of)) for c, of in zip(capsules, hulls, strict=True)]
@@ -69,15 +68,11 @@ def enclose_body(triangles: Array) -> list[Capsule]:
 
 def enclose_disc(radius: float, length: float) -> list[Capsule]:
     """Enclose a cylinder about the z axis by a capsule with a hull."""
-    hull = Hull(ring_corners(radius, 0.5 * length), radius * (1.0 - np.cos(np.pi / RING)) + ENCLOSURE_ROUNDING)
-    return [enclose_cylinder(radius, length)._replace(hulls=(hull._replace(excess=2.0 * hull.radius),))]
-
-
-def ring_corners(radius: float, half: float) -> Array:
-    """Return points on the ends of a cylinder about the z axis, of half a length [m]."""
     angle = np.arange(RING) * 2.0 * np.pi / RING
-    ring = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.full(RING, half)])
-    return np.concatenate([ring, ring * (1.0, 1.0, -1.0)])
+    ring = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.full(RING, 0.5 * length)])
+    rounding = radius * float(1.0 - np.cos(np.pi / RING)) + ENCLOSURE_ROUNDING
+    hull = Hull(np.concatenate([ring, ring * (1.0, 1.0, -1.0)]), rounding, 2.0 * rounding)
+    return [enclose_cylinder(radius, length)._replace(hulls=(hull,))]
 
 
 class Solid(NamedTuple):
@@ -243,26 +238,20 @@ def pack_hulls(bodies: Iterable[tuple[int, tuple[Array, Array]]], kinds: Indices
 
 def check_hulls(value: Any, capsules: Capsules) -> tuple[tuple[Hull, ...], ...]:
     """Check the hulls of each capsule, whose corners must be inside of it."""
-    expected = "for each capsule a list of (corners, radius, excess)"
-    rows = list(value) if isinstance(value, list | tuple) else None
-    if rows is None or (rows and len(rows) != len(capsules[0])) or not all(isinstance(r, list | tuple) for r in rows):
-        raise InvalidInput("shapes.hulls", format_value(value), expected)
-    found = []
-    for k, of in enumerate(rows):
-        where, hulls = f"shapes.hulls[{k}]", []
-        for hull in of:
-            if not isinstance(hull, list | tuple) or len(hull) not in (2, 3):
-                raise InvalidInput(where, format_value(hull), expected)
-            corners, radius = (
-                real_array(hull[0], where, "corners (v, 3)"),
-                check_number(hull[1], where, "a radius", least=0.0),
-            )
-            if corners.ndim != 2 or corners.shape[1:] != (3,) or not len(corners) or not np.isfinite(corners).all():
-                raise InvalidInput(where, f"corners of shape {corners.shape}", "finite corners (v, 3)")
-            away = distance_to_segment(corners, capsules[1][k], capsules[2][k]).max() - capsules[3][k]
-            if away > 2.0 * ENCLOSURE_ROUNDING:
-                raise InvalidInput(where, f"a corner {away:.3g} m outside of the capsule", "corners inside of it")
-            excess = np.nan if len(hull) == 2 or hull[2] is None else float(check_excess(hull[2], 1, where)[0])
-            hulls.append(Hull(freeze(corners, where), radius, excess))
-        found.append(tuple(hulls))
-    return tuple(found)
+    if not isinstance(value, list | tuple) or len(value) not in (0, len(capsules[0])):
+        raise InvalidInput("shapes.hulls", format_value(value), "for each capsule a list of hulls")
+    rows = enumerate(zip(value, *capsules[1:], strict=True) if value else ())
+    return tuple(tuple(_check_hull(hull, f"shapes.hulls[{k}]", *row) for hull in of) for k, (of, *row) in rows)
+
+
+def _check_hull(value: Any, where: str, a: Array, b: Array, radius: float) -> Hull:
+    """Check a hull in the capsule between two points."""
+    if not isinstance(value, list | tuple) or len(value) not in (2, 3):
+        raise InvalidInput(where, format_value(value), "(corners, radius, excess)")
+    corners = freeze(real_array(value[0], where, "corners (v, 3)"), where)
+    if corners.ndim != 2 or corners.shape[1:] != (3,) or not len(corners):
+        raise InvalidInput(where, f"an array of shape {corners.shape}", "corners (v, 3)")
+    if not distance_to_segment(corners, a, b).max() <= radius + 2.0 * ENCLOSURE_ROUNDING:
+        raise InvalidInput(where, "a corner outside of its capsule", "corners inside of it")
+    excess = np.nan if len(value) == 2 or value[2] is None else float(check_excess(value[2], 1, where)[0])
+    return Hull(corners, check_number(value[1], where, "a radius", least=0.0), excess)
