@@ -388,10 +388,6 @@ def path_torques(chain: Chain, bodies: Bodies, path: Array, out: Array) -> None:
             v, a, jerk = factor * state[1, j], factor * state[2, j], factor * state[3, j]
             p, dp = p + motor[i] * v, dp + motor[i] * a
             c, dc = c + motor[i] * a, dc + motor[i] * jerk
-            if len(chain) == 3:
-                out[at, 0, i], out[at, 1, i], out[at, 2, i] = p, c, g
-                out[at, 3, i], out[at, 4, i], out[at, 5, i] = dp + 2.0 * c, dc, dg
-            else:
-                value = (p, c, g, dp + 2.0 * c, dc, dg)
-                for order in range(6):
-                    out[at, order, j] += factor * value[order]
+            value = (p, c, g, dp + 2.0 * c, dc, dg)
+            for order in range(6):
+                out[at, order, j] = value[order] if len(chain) == 3 else out[at, order, j] + factor * value[order]

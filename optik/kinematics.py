@@ -18,7 +18,7 @@ import numpy as np
 from optik.compiled import compiled, inlined
 from optik.linear import smallest_singular_value
 from optik.se3 import pose_error
-from optik.types import Array, Flags
+from optik.types import Array
 
 Triple = tuple[float, float, float]
 

@@ -218,7 +218,7 @@ class CertifyCommand(LimitsCommand, SceneCommand, TableCommand):
 def _is_same(one: optik.Robot, other: optik.Robot) -> bool:
     """Return whether two arms have the same links, motors and masses; tools, payloads and limits may differ."""
     same = one.joint_names == other.joint_names and np.array_equal(one.fixed, other.fixed)
-    same = same and have_same_matrix(one.motors, other.motors)
+    same = same and have_same_matrix(one.motors, other.motors) and one.linkage == other.linkage
     masses = [None if arm.inertia is None else arm.inertia.content for arm in (one, other)]
     return same and masses[0] == masses[1]
 

@@ -89,7 +89,7 @@ class FkCommand(RobotCommand):
     def run(self) -> None:
         """Print the pose."""
         from optik import se3
-        from optik.arm.urdf import roll_pitch_yaw
+        from optik.arm.urdf_writer import roll_pitch_yaw
 
         arm = self.load()
         q = read_joint_values(arm, self.q_deg, Q_DEG) / unit_factors(arm)

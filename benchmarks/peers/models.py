@@ -9,7 +9,7 @@ import numpy as np
 from optik.arm.limits import JointLimits
 from optik.arm.robot import Robot
 from optik.arm.shapes.enclosure import complete_frame
-from optik.arm.urdf import roll_pitch_yaw
+from optik.arm.urdf_writer import roll_pitch_yaw
 from optik.errors import NoSolution
 from optik.scene import Scene
 from optik.se3 import log_so3, pose

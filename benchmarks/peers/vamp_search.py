@@ -9,7 +9,7 @@ import numpy as np
 from benchmarks.peers.base import Absent
 from benchmarks.peers.models import Solid, list_solids
 from optik.arm.robot import Robot
-from optik.arm.urdf import roll_pitch_yaw
+from optik.arm.urdf_writer import roll_pitch_yaw
 from optik.errors import NoSolution
 from optik.scene import Scene
 from optik.types import Array

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from optik import se3
+from optik.arm.linkage import Linkage
 from optik.arm.urdf_tree import Joint, Tree, join_names, read_number
 from optik.check import check_number
 from optik.errors import InvalidInput, RobotModelError
@@ -44,6 +45,29 @@ def find_driver(tree: Tree, joint: Joint) -> Driver:
         joint = other
         seen.add(joint.name)
     return Driver(joint, factor, offset)
+
+
+def find_linkage(tree: Tree, axes: list[Joint]) -> tuple[list[Joint], Linkage | None]:
+    """Return the joints that drive the axes of a chain, in its order, and the relations between both if there are any."""
+    drivers = [find_driver(tree, joint) for joint in axes]
+    if not any("mimic" in joint.element for joint in axes):
+        return axes, None
+    for joint, (driver, times, _) in zip(axes, drivers, strict=True):
+        where, other = f"joint {joint.name!r}", driver.element.get("mimic", {}).get("joint", "")
+        if "mimic" in driver.element:
+            problem = "follows itself (<mimic>)" if other in (x.name for x in tree.above.values()) else "does not exist"
+            problem = f"{where}: follows joint {other!r}, which {problem}"
+            raise RobotModelError(tree.name, problem)
+        if driver.kind not in MOVING or times == 0.0:
+            what = "whose multiplier is 0" if driver.kind in MOVING else f"whose type is {driver.kind!r}"
+            raise RobotModelError(tree.name, f"{where}: follows joint {driver.name!r} (<mimic>), {what}")
+    of = {joint.name: place for place, joint in reversed([*enumerate(axes)])}
+    first = {d.joint.name: of.get(d.joint.name, place) for place, d in reversed([*enumerate(drivers)])}
+    moving = sorted({d.joint.name: d.joint for d in drivers}.values(), key=lambda joint: first[joint.name])
+    index = [moving.index(driver.joint) for driver in drivers]
+    slides = np.array([joint.kind == "prismatic" for joint in axes])
+    factor, offset = np.array([driver.factor for driver in drivers]), np.array([driver.offset for driver in drivers])
+    return moving, Linkage(np.array(index), factor, offset, slides, tuple(joint.name for joint in axes))
 
 
 def read_range(robot: str, joint: Joint) -> tuple[float, float]:

@@ -72,10 +72,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from optik.arm.dh import DHRow
 from optik.arm.foreign import PREFIX, URDF, load_description, load_urdf, parse_urdf_options
 from optik.arm.inertia import STANDARD_GRAVITY, Inertia
 from optik.arm.limits import DYNAMIC_LIMITS, JointLimits, VelocityByPosition, warn_of_degrees
-from optik.arm.model import DHRow
 from optik.arm.plain import read_list, read_pose, read_record, read_vector, read_word
 from optik.arm.robot import Robot
 from optik.arm.shapes import Shapes
@@ -280,11 +280,13 @@ def _robot(data: dict[str, Any], file: Path, name: str) -> Robot:
     )
     if "motors" not in data:
         return robot
-    motors = read_record(data["motors"], ("matrix",), "motors", optional=("offset_deg", "names", "lower_deg", "upper_deg"))
+    motors = read_record(
+        data["motors"], ("matrix",), "motors", optional=("offset_deg", "names", "lower_deg", "upper_deg")
+    )
     offset = scale * read_vector(motors.get("offset_deg", [0.0] * len(joints)), "motors.offset_deg", len(joints))
     coupled = robot.with_motors(motors["matrix"], offset=offset, names=motors.get("names"))
     ends = [(end, key) for end in ("lower", "upper") if (key := f"{end}_deg") in motors]
-    axes = {end: scale * read_vector(motors[key], f"motors.{key}", len(joints)) for end, key in ends}
+    axes: dict[str, Any] = {end: scale * read_vector(motors[key], f"motors.{key}", len(joints)) for end, key in ends}
     return coupled.with_limits(**axes) if axes else coupled
 
 

@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from optik.arm.inertia import Load
 from optik.arm.limits import JointLimits, freeze
 from optik.check import check_words
-from optik.errors import InvalidInput
+from optik.errors import InvalidInput, RobotModelError
 from optik.types import Array, Flags, Indices
 
 
@@ -51,7 +52,13 @@ class Linkage:
             raise InvalidInput("linkage", f"{factor}, {offset}"[:80], "a joint, a factor and an offset for each axis")
         if joint.dtype.kind != "i" or set(joint.tolist()) != set(range(int(joint.max()) + 1)):
             raise InvalidInput("linkage.joint", str(joint)[:60], "every joint from 0 on")
-        given = {"joint": joint, "factor": factor, "offset": offset, "prismatic": np.array(self.prismatic), "names": names}
+        given = {
+            "joint": joint,
+            "factor": factor,
+            "offset": offset,
+            "prismatic": np.array(self.prismatic),
+            "names": names,
+        }
         for name, value in given.items():
             if isinstance(value, np.ndarray):
                 value.setflags(write=False)
@@ -63,6 +70,12 @@ class Linkage:
         matrix = np.zeros((self.joint.size, int(self.joint.max()) + 1))
         matrix[np.arange(self.joint.size), self.joint] = self.factor
         return freeze(matrix, "linkage.matrix")
+
+    @cached_property
+    def turning(self) -> Flags:
+        """Joints (n,) whose whole turns leave all links in place [1]."""
+        stays = ~self.prismatic & (self.factor == np.round(self.factor))
+        return np.array([stays[self.joint == i].all() for i in range(self.matrix.shape[1])])
 
     @property
     def content(self) -> bytes:
@@ -95,16 +108,38 @@ class Linkage:
         out[..., 0, :] += np.abs(self.offset)
         return np.asarray(out)
 
-    def join_friction(self, viscous: Array, coulomb: Array) -> dict[str, Array]:
-        """Return the viscous and the Coulomb friction (n,) at the joints from those of the axes (N,)."""
+    def join_friction(self, load: Load) -> Load:
+        """Return a load with the friction (n,) at the joints, from that at the axes (N,)."""
         M = np.abs(self.matrix)
-        return {"viscous": freeze(viscous @ M**2, "viscous"), "coulomb": freeze(coulomb @ M, "coulomb")}
+        return load._replace(
+            viscous=freeze(load.viscous @ M**2, "viscous"), coulomb=freeze(load.coulomb @ M, "coulomb")
+        )
+
+    def join_limits(self, robot: str, limits: JointLimits, ranges: Array, rates: dict[str, Array]) -> JointLimits:
+        """Return limits of the joints, lowered to ranges (N, 2) of the axes and to their largest rates (N,) by name."""
+        ends = np.sort((ranges - self.offset[:, None]) / self.factor[:, None], axis=1)
+        lower, upper = limits.lower.copy(), limits.upper.copy()
+        np.maximum.at(lower, self.joint, ends[:, 0])
+        np.minimum.at(upper, self.joint, ends[:, 1])
+        for i in np.flatnonzero(~(lower < upper))[:1]:
+            names = ", ".join(name for name, k in zip(self.names, self.joint, strict=True) if k == i)
+            raise RobotModelError(
+                robot, f"joints {names} move together (<mimic>), and their ranges have nothing in common"
+            )
+        known: dict[str, Any] = {}
+        for name, values in rates.items():
+            own = getattr(limits, name)
+            least = np.full(lower.size, np.inf) if own is None else own.copy()
+            np.minimum.at(least, self.joint, values / np.abs(self.factor))
+            known |= {name: least} if np.isfinite(least).any() else {}
+        return limits.replace(lower=lower, upper=upper, **known)
 
     def limit_axes(self, limits: JointLimits) -> JointLimits:
         """Return the limits of the axes that those of the joints imply."""
         ends = np.sort([self.spread(limits.lower), self.spread(limits.upper)], axis=0)
         names = ("velocity", "acceleration", "jerk")
         rates: dict[str, Any] = {
-            name: None if (x := getattr(limits, name)) is None else x[self.joint] * np.abs(self.factor) for name in names
+            name: None if (x := getattr(limits, name)) is None else x[self.joint] * np.abs(self.factor)
+            for name in names
         }
         return JointLimits(*ends, **rates)

@@ -13,7 +13,7 @@ from optik import se3
 from optik.arm.inertia import Body, Inertia
 from optik.arm.motors import refuse_motors
 from optik.arm.robot import Robot
-from optik.arm.urdf import check_xml_names
+from optik.arm.urdf_writer import check_xml_names
 from optik.check import check_flag, check_number
 from optik.errors import InvalidInput, MissingDependency, RobotModelError
 from optik.file_io import write_atomically

@@ -1,13 +1,13 @@
-"""The data of an arm: joints, limits, base, tool, gravity, masses and shapes; their checks, modified copies and DH rows."""
+"""The data of an arm: joints, limits, base, tool, gravity, masses and shapes; their checks and modified copies."""
 
 from __future__ import annotations
 
 import hashlib
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Any, NamedTuple, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,51 +22,6 @@ from optik.check import check_flag, check_number, check_words, format_value, rea
 from optik.errors import AssumptionWarning, InvalidInput, RobotModelError
 from optik.kinematics import Chain
 from optik.types import Array, Flags
-
-
-class DHRow(NamedTuple):
-    """One row of a Denavit–Hartenberg table.
-
-    Lengths in metres, angles in radians. ``theta`` (revolute) or ``d`` (prismatic) is the joint's offset at q = 0.
-    """
-
-    a: float = 0.0
-    alpha: float = 0.0
-    d: float = 0.0
-    theta: float = 0.0
-    prismatic: bool = False
-
-
-def screw_x(angle: float, length: float) -> Array:
-    """Return the transform Rot(x, angle) Trans(x, length)."""
-    return se3.pose(se3.exp_so3([angle, 0.0, 0.0]), (length, 0.0, 0.0))
-
-
-def screw_z(angle: float, length: float) -> Array:
-    """Return the transform Rot(z, angle) Trans(z, length)."""
-    return se3.pose(se3.exp_so3([0.0, 0.0, angle]), (0.0, 0.0, length))
-
-
-def check_rows(rows: Iterable[DHRow | Mapping[str, Any]]) -> list[DHRow]:
-    """Check the rows of a table; return them as `DHRow`."""
-    table = []
-    if not isinstance(rows, Iterable):
-        raise InvalidInput("rows", repr(rows)[:60], "a list of DHRow or of mappings")
-    for i, row in enumerate(rows):
-        try:
-            named = row if isinstance(row, DHRow) else DHRow(**row)
-        except TypeError:
-            wanted = "a DHRow, or a mapping with a, alpha, d, theta, prismatic"
-            raise InvalidInput(f"rows[{i}]", repr(row)[:80], wanted) from None
-        for field in ("a", "alpha", "d", "theta"):
-            value = getattr(named, field)
-            real = isinstance(value, int | float | np.integer | np.floating)
-            if not real or not np.isfinite(value):
-                raise RobotModelError("table", f"joint {i + 1}: {field} is {value!r}, expected a finite number")
-        check_flag(named.prismatic, f"rows[{i}].prismatic")
-        table.append(named)
-    return table
-
 
 UNIT_LENGTH = 1e-14
 """A gravity vector whose length differs from 1 by less [1] is kept to the last bit, so that a copy of an arm equals it."""
@@ -198,10 +153,7 @@ class ArmModel:
     @cached_property
     def turning(self) -> Flags:
         """Joints (n,) whose whole turns leave all links in place [1]."""
-        if (follow := self.linkage) is None:
-            return ~self.prismatic
-        stays = ~follow.prismatic & (follow.factor == np.round(follow.factor))
-        return np.array([stays[follow.joint == i].all() for i in range(self.n)])
+        return ~self.prismatic if self.linkage is None else self.linkage.turning
 
     def spread(self, q: Array, order: int = 0) -> Array:
         """Return the values (..., N) of the axes of the chain, or their derivatives, from those of the joints (..., n)."""
@@ -409,7 +361,7 @@ class ArmDynamics(ArmModel):
         loads = arm_loads(self.inertia, self.payload, self.tool, self.gravity_magnitude * self.gravity)
         if self.linkage is None:
             return loads
-        return tuple(load._replace(**self.linkage.join_friction(load.viscous, load.coulomb)) for load in loads)
+        return tuple(self.linkage.join_friction(load) for load in loads)
 
     def torques(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> Array:
         """Return the joint torques of a motion (inverse dynamics), with payload and friction.

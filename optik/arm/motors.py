@@ -243,7 +243,7 @@ def couple(limits: JointLimits, motors: Motors | None) -> JointLimits:
 
 
 class Ranges(NamedTuple):
-    """What has a range: names, ends (k,), its axis (of a motor the one of its place), and rows (k, n) and offsets over the axes.
+    """What has a range: names, ends (k,), axis (of a motor the one of its place), and rows (k, n) and offsets over the axes.
 
     These are the motors, and the axes with narrower ranges than the motors imply; without motors the joints.
     """
@@ -272,7 +272,8 @@ def ranges_of(robot: Any) -> Ranges:
     which = limits.narrower
     return Ranges(
         (*own.names, *(robot.joint_names[i] for i in which)),
-        *(np.append(getattr(own.limits, end), getattr(limits, end)[which]) for end in ("lower", "upper")),
+        np.append(own.limits.lower, limits.lower[which]),
+        np.append(own.limits.upper, limits.upper[which]),
         np.append(every, which),
         np.concatenate([own.inverse, np.eye(robot.n)[which]]),
         np.append(own.of(np.zeros(robot.n)), np.zeros(which.size)),

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 from optik import se3
 from optik.arm.inertia import STANDARD_GRAVITY, Inertia, Payload
 from optik.arm.limits import JointLimits, VelocityByPosition
-from optik.arm.model import ArmModel
 from optik.arm.linkage import Linkage
+from optik.arm.model import ArmModel
 from optik.arm.motors import LIMIT_FIELDS, Motors
 from optik.arm.shapes.model import Shapes
 from optik.check import check_number
@@ -224,7 +224,9 @@ def arm_from_dict(data: Any) -> ArmModel:
 
 def _linkage_to_dict(linkage: Linkage) -> dict[str, Any]:
     """Return the relations of a linkage as plain data."""
-    return {name: [*getattr(linkage, name)] if name == "names" else getattr(linkage, name).tolist() for name in LINKAGE_KEYS}
+    return {
+        name: [*getattr(linkage, name)] if name == "names" else getattr(linkage, name).tolist() for name in LINKAGE_KEYS
+    }
 
 
 def _linkage_from_dict(data: Any) -> Linkage:

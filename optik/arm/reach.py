@@ -30,7 +30,7 @@ def reach_bound(robot: Robot, task: Task) -> Array:
     if not all(task.mask[:3]):
         return np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, np.inf])
     whole = all(task.mask[3:])
-    robot = robot.axes  # type: ignore[assignment]
+    robot = robot.axes
     t = _shortest(robot, whole)
     z = np.zeros((robot.n, 4))
     z[:, 2], z[:, 3] = t, 1.0

@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optik import kinematics, se3
+from optik.arm.dh import DHRow, check_rows, screw_x, screw_z
 from optik.arm.inertia import Inertia
 from optik.arm.limits import JointLimits
-from optik.arm.model import UNIT_LENGTH, ArmDynamics, ArmModel, DHRow, check_rows, screw_x, screw_z
+from optik.arm.model import UNIT_LENGTH, ArmDynamics, ArmModel
 from optik.arm.plain import arm_from_dict, arm_to_dict
 from optik.arm.shapes import Shapes
 from optik.arm.summary import COLUMNS, describe_robot, joint_rows, tool_facts
@@ -63,6 +64,8 @@ class Robot(ArmDynamics):
         Capsules that enclose the links.
     motors : Motors, optional
         Motors that move the axes together; see `with_motors`.
+    linkage : Linkage, optional
+        Relations of the chain's N axes to n joints; fixed, inertia and shapes are those of the axes.
 
     Raises
     ------
@@ -182,7 +185,8 @@ class Robot(ArmDynamics):
         the links that branch off the chain, whose joints stand at 0. A link without <inertial> has the mass 0; if no link has
         one, the masses are unknown. Friction is that of <dynamics> (damping: viscous, friction: Coulomb); armature, an
         extension of URDF, is the inertia of the motor. Invalid masses and efforts are ignored with a warning. Position limits
-        of ten turns give a DegreesWarning. Soft limits (<safety_controller>) are not read.
+        of ten turns give a DegreesWarning. Soft limits (<safety_controller>) are not read. Joints of the chain
+        that follow others (<mimic>) make a linkage, whose joints are the driving ones, limited as both are.
 
         Parameters
         ----------
@@ -218,17 +222,16 @@ class Robot(ArmDynamics):
             or follows another, or a value outside its limits.
         RobotModelError
             No tree of links, no such link, several possible tips, or a joint on the chain that is floating, planar, mimicking
-            another, without an axis, or has crossed, equal or missing limits.
+            none or itself, without an axis, or has crossed, equal or missing limits.
         """
         from optik.arm.urdf import read_urdf
         from optik.arm.urdf_tree import name_file
 
         with name_file(source):
-            arm = read_urdf(
+            return _robot(read_urdf(
                 source, tip, base, name=name, gravity=gravity, shapes=shapes, package_dirs=package_dirs, srdf=srdf,
                 values=values, without_shape=without_shape,
-            )  # fmt: skip
-        return _robot(arm)
+            ))  # fmt: skip
 
     def to_urdf(self, path: str | os.PathLike[str] | None = None) -> str:
         """Return the arm as URDF text, from link ``base`` to link ``tool``; write it to a file if one is named.
@@ -254,7 +257,7 @@ class Robot(ArmDynamics):
         OutputError
             The file cannot be written.
         """
-        from optik.arm.urdf import write_urdf
+        from optik.arm.urdf_writer import write_urdf
 
         return write_urdf(self, path)
 

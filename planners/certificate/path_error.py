@@ -187,9 +187,7 @@ class _Errors:
     ``found`` and ``when`` (2,) are the largest values found, and their times [s].
     """
 
-    def __init__(
-        self, bounds: MotionBounds, path: Path, nearest: Nearest, floor: Array, most: Array | None
-    ) -> None:
+    def __init__(self, bounds: MotionBounds, path: Path, nearest: Nearest, floor: Array, most: Array | None) -> None:
         self._bounds, self._nearest, self._floor = bounds, nearest, floor
         self._end, self._limits, self._joint_bounds = path.end, PieceBounds.of(path), most
         self.found, self.when = np.zeros(2), np.zeros(2)

@@ -102,7 +102,6 @@ def misfit(chain: Chain, q: Array, dq: Array, pose: Array, twist: Array, out: Ar
     Shapes and units: q (n,) [rad, m], dq (3, n) [rad/m, rad/m², rad/m³], pose (4, 4) [m], twist (6,) [1, rad/m], out (4,)
     [m, 1, 1, 1/m].
     """
-    n = q.shape[0]
     frame, T, made = np.empty((chain[0].shape[0], 4, 4)), np.empty((4, 4)), np.empty((3, 6))
     frames(chain, q, frame)
     tool_pose(chain, frame, T)

@@ -44,8 +44,8 @@ def reach_bounds(robot: Robot, most: Array) -> Array:
     """Return bounds (m, 2, 4) for any motion with such rates: a link turns at most at the sum of those before it."""
     # A link vector t behind joint i gives |t_xy| Bᵢ + |t_z| Bᵢ₋₁, the Bell polynomials of the sums of |q⁽ᵐ⁾| of the
     # revolute joints up to i, since joint i does not move points on its own axis; a prismatic joint gives a product.
-    if robot.linkage is not None:
-        robot, most = robot.axes, robot.linkage.spread_bounds(most)
+    if (follow := robot.linkage) is not None:
+        robot, most = robot.axes, follow.spread_bounds(most)
     k = len(most)
     turning = np.where(robot.prismatic, 0.0, most)
     turning[:, 0] = 0.0

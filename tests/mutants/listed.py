@@ -317,7 +317,7 @@ LISTED: tuple[tuple[str, str, str], ...] = (
     ("planners/choice/solve.py", "self.dual + dual * self", "self.dual - dual * self"),
     ("planners/search/_edges.py", "free = h * gap / rate", "free = 1.1 * h * gap / rate"),
     ("planners/search/_edges.py", "best = 2.0 * ahead / root", "best = 2.6 * ahead / root"),
-    ("planners/search/_edges.py", "h * abs(d) + deviation[j]", "h * abs(d) + 0.7 * deviation[j]"),
+    ("planners/search/_edges.py", "h * abs(d) + abs(factor) * deviation[j]", "h * abs(d) + 0.7 * deviation[j]"),
     ("planners/search/_edges.py", "> thick[p] + shift", "> thick[p]"),
     ("planners/search/_edges.py", "T[[16, 16, 17]]", "T[[16, 16, 16]]"),
     ("planners/search/_edges.py", "np.eye(3), 0.5 * (high - low)", "np.eye(3), 0.1 * (high - low)"),

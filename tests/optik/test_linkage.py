@@ -1,4 +1,4 @@
-"""Linkages: axes of a chain that follow joints (<mimic>), against a plain evaluation and Pinocchio; their files and refusals."""
+"""Linkages: axes of a chain that follow joints (<mimic>), against a plain evaluation and Pinocchio; files and refusals."""
 
 from __future__ import annotations
 
@@ -128,7 +128,7 @@ FOLLOWS = '<mimic joint="j3" multiplier="0.5" offset="0.0"/>'
         ('<mimic joint="h"/>', r"joint 'h': follows joint 'h', which follows itself \(<mimic>\)"),
         ('<mimic joint="end"/>', r"joint 'h': follows joint 'end' \(<mimic>\), whose type is 'fixed'"),
         ('<mimic joint="j3" multiplier="0"/>', r"joint 'h': follows joint 'j3' \(<mimic>\), whose multiplier is 0"),
-        ('<mimic joint="j3" offset="9"/>', r"joint 'h': follows joint 'j3' \(<mimic>\), whose range it leaves nothing of"),
+        ('<mimic joint="j3" offset="9"/>', r"joints j3, h move together \(<mimic>\), and their ranges have nothing in common"),
         ('<mimic joint="j3" multiplier="a"/>', r"joint 'h': mimic multiplier is 'a', expected a finite number"),
     ],
 )  # fmt: skip
@@ -138,7 +138,9 @@ def test_relations_that_cannot_be_read_are_refused_by_name(mimic: str, words: st
 
 
 def test_closed_loops_of_links_are_refused_by_name() -> None:
-    loop = '<joint name="bar" type="revolute"><parent link="base"/><child link="l3"/><limit lower="-1" upper="1"/></joint>'
+    loop = (
+        '<joint name="bar" type="revolute"><parent link="base"/><child link="l3"/><limit lower="-1" upper="1"/></joint>'
+    )
     with pytest.raises(RobotModelError, match="two parents, by the joints 'h' and 'bar': a closed loop"):
         optik.Robot.from_urdf(KINDS["half"].urdf().replace("</robot>", loop + "</robot>"), "tool0")
 

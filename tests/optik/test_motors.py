@@ -180,7 +180,9 @@ def test_axes_and_motors_both_have_ranges() -> None:
     assert (limits.contains(q) == both).all() and both.any()
     assert limits.contains(limits.middle) and np.abs(motors.of(limits.middle)).max() < 1.99
     drawn = limits.sample(rng, 4000)
-    assert limits.contains(drawn).all() and limits.contains(limits.clip(q)).all() and (limits.clip(drawn) == drawn).all()
+    assert (
+        limits.contains(drawn).all() and limits.contains(limits.clip(q)).all() and (limits.clip(drawn) == drawn).all()
+    )
     x = drawn[:, 2]
     assert x.min() < 0.42 and x.max() > 2.2 and (x == 0.4).sum() + (x == 2.3).sum() == 0  # not gathered at the ends
     assert optik.Robot.from_dict(json.loads(json.dumps(robot.to_dict()))) == robot

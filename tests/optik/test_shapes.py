@@ -14,8 +14,10 @@ from optik.errors import InvalidInput, OptikError, RobotModelError
 from tests.oracles.shapes import distances
 from tests.seeds import shift_seed
 
-SHAPED = ("fr3", "gen3lite", "iiwa14", "panda", "panda_hand", "paper6r", "puma560", "ur10e", "ur16e", "ur20", "ur3e", "ur5", "ur5e",
-          "wx200")  # fmt: skip
+SHAPED = (
+    "fr3", "gen3lite", "iiwa14", "panda", "panda_hand", "paper6r", "puma560",
+    "ur10e", "ur16e", "ur20", "ur3e", "ur5", "ur5e", "wx200",
+)  # fmt: skip
 BARE = {"gen3lite": 6}
 """Links without a shape: of gen3lite only the gripper, which is left out, moves with joint 6."""
 ROWS = [(0, (0, 0, 0), (0, 0, 0.1), 0.06), (1, (0, 0, 0), 0.1), (3, (0, 0, 0), (0, 0, 0.1), 0.06), (5, (0, 0, 0), 0.05)]

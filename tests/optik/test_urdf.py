@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 import optik
 from optik import DHRow, JointLimits, Robot
-from optik.arm.urdf import roll_pitch_yaw
+from optik.arm.urdf_writer import roll_pitch_yaw
 from optik.errors import (
     DegreesWarning,
     InvalidInput,

@@ -58,7 +58,9 @@ class Linkage:
             parts.append(one.text(parent, parent := f"l{k}", k))
         parts += [axis.text("base", f"beside{k}", k) for k, axis in enumerate(self.beside if mimic else ())]
         tool = '<origin xyz="0.1 0.02 0.05" rpy="0.1 0.2 0.3"/>'
-        parts.append(f'<link name="tool0"/><joint name="end" type="fixed"><parent link="{parent}"/><child link="tool0"/>')
+        parts.append(
+            f'<link name="tool0"/><joint name="end" type="fixed"><parent link="{parent}"/><child link="tool0"/>'
+        )
         return "".join([*parts, tool, "</joint></robot>"])
 
     def relation(self, name: str) -> tuple[str, float, float]:

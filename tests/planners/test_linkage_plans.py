@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -13,18 +14,34 @@ import optik
 from optik import Scene, dynamics
 from optik.arm.linkage import Linkage as Relations
 from optik.errors import RobotModelError
+from optik.scene.contact import find_clearances, find_pairs
 from optik.types import Array
-from planners import JointLine, Line, MotionLimits, Plan, PointToPoint, certify, find_path, free, load_motion
-from planners import load_trajectory, plan, replan, retarget, save, to_ros
+from planners import (
+    JointLine,
+    Line,
+    MotionLimits,
+    Plan,
+    PointToPoint,
+    certify,
+    find_path,
+    free,
+    load_motion,
+    load_trajectory,
+    plan,
+    replan,
+    retarget,
+    save,
+    to_ros,
+)
 from planners.cell import make_drive
 from planners.choice.clearances import pair_rooms
 from planners.choice.columns import joint_changes, tool_changes
 from planners.choice.programme import write_torque_changes
-from optik.scene.contact import find_clearances, find_pairs
 from tests.oracles.linkages import KINDS, Linkage
 
 BALLS = "".join(
-    f'<collision><origin xyz="{x} 0 0.05"/><geometry><sphere radius="0.05"/></geometry></collision>' for x in (0.0, 0.04)
+    f'<collision><origin xyz="{x} 0 0.05"/><geometry><sphere radius="0.05"/></geometry></collision>'
+    for x in (0.0, 0.04)
 )
 
 
@@ -60,7 +77,9 @@ def test_every_axis_keeps_its_range_and_its_speed(kind: str) -> None:
     for i, axis in enumerate(linkage.axes):
         assert axis.span[0] - 1e-9 <= x[:, i].min() and x[:, i].max() <= axis.span[1] + 1e-9
         assert speed[:, i].max() <= axis.speed * (1.0 + 1e-6)
-    assert (np.linalg.norm(np.diff(p, axis=0), axis=1) / t[1]).max() <= found.certificate.tool_speed.value * (1.0 + 1e-6)
+    assert (np.linalg.norm(np.diff(p, axis=0), axis=1) / t[1]).max() <= found.certificate.tool_speed.value * (
+        1.0 + 1e-6
+    )
     assert found.certificate.path_error.distance < 1e-9 and found.certificate.worst("torque")[0] <= 1.0
     load = found.trajectory(t), found.trajectory(t, 1), found.trajectory(t, 2)
     most = found.robot.limits.torque
@@ -174,7 +193,7 @@ def test_the_twins_are_the_same_arm() -> None:
 
 
 def test_certificates_of_the_twins_are_equal() -> None:
-    plain, other = twins()
+    plain = twins()[0]
     q = np.array([0.2, 0.3, 0.4, 0.3, 0.6, -0.2])
     start = plain.fk(q)
     line = Line(start, optik.se3.pose(start[:3, :3], start[:3, 3] + [0.05, 0.08, -0.06]))
@@ -182,7 +201,9 @@ def test_certificates_of_the_twins_are_equal() -> None:
     scene, pairs = Scene(spheres=[((0.6, 0.5, 0.9), 0.1)]), []
     for arm in twins():
         limits = MotionLimits.of(arm, body_speed=1.0, tray={"slenderness": 3.0, "friction": 0.6}, torque_rate=4000.0)
-        joint = certify(arm, JointLine(arm, q, q + 0.3), plan(plain, JointLine(plain, q, q + 0.3), q).trajectory, limits)
+        joint = certify(
+            arm, JointLine(arm, q, q + 0.3), plan(plain, JointLine(plain, q, q + 0.3), q).trajectory, limits
+        )
         pairs.append((certify(arm, line, found.trajectory, limits, scene=scene), joint))
     for one, same in zip(*pairs, strict=True):
         assert same.path_error[:2] == pytest.approx(one.path_error[:2], rel=1e-3, abs=1e-12)
@@ -230,7 +251,9 @@ def test_derivatives_for_the_choice_of_paths_are_differences(kind: str) -> None:
                 J = [np.einsum("kin,kn->ki", robot.jacobian(x[0]), x[1]) for x in (path + step, path - step)]
                 np.testing.assert_allclose(change[..., j, order], (J[0] - J[1]) / (2.0 * h), atol=1e-8)
         away = h * np.eye(n)[j]
-        np.testing.assert_allclose(slope[..., j], (rooms(path[0] + away) - rooms(path[0] - away)) / (2.0 * h), atol=1e-6)
+        np.testing.assert_allclose(
+            slope[..., j], (rooms(path[0] + away) - rooms(path[0] - away)) / (2.0 * h), atol=1e-6
+        )
     if n == 6:  # J h = field, and its derivatives along the path
         fields, joints = np.zeros((3, 1, 4, 6)), np.empty((3, 4, 1, 6))
         fields[:, 0, 0] = rng.normal(size=6)
@@ -252,7 +275,7 @@ def test_searches_and_freedoms_of_linkages() -> None:
         found = find_path(robot, first, last, scene=scene, max_samples=4000)
         for way in found.paths:
             ways += 1
-            q = np.concatenate([a + np.linspace(0.0, 1.0, 200)[:, None] * (b - a) for a, b in zip(way[:-1], way[1:], strict=True)])
+            q = np.concatenate([a + np.linspace(0.0, 1.0, 200)[:, None] * (b - a) for a, b in itertools.pairwise(way)])
             assert find_clearances(robot, scene, q)[0].min() > 0.01
     assert ways
     around = plan(robot, free_ones[1], free_ones[0], scene=scene, avoid=True)

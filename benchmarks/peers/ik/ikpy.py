@@ -8,7 +8,7 @@ import numpy as np
 
 from benchmarks.peers.ik.base import Solutions, SolverPeer, one
 from optik.arm.robot import Robot
-from optik.arm.urdf import roll_pitch_yaw
+from optik.arm.urdf_writer import roll_pitch_yaw
 from optik.types import Array
 
 
