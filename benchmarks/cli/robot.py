@@ -137,7 +137,7 @@ class IkCommand(StartCommand):
     def run(self) -> None:
         """Solve and print; exit with status 1 without a solution."""
         from optik import se3
-        from optik.arm.urdf import roll_pitch_yaw
+        from optik.arm.urdf_writer import roll_pitch_yaw
 
         position, rpy_deg, quat = read_numbers(self.xyz, "--xyz", 3), self.rpy_deg.strip(), self.quat.strip()
         if rpy_deg and quat:
