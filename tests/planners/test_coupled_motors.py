@@ -33,7 +33,7 @@ from planners import (
 from planners.files.base import from_plain, to_plain
 from planners.limits._combination import Combination
 from planners.search.rrt_connect import RRTConnect
-from tests.optik.test_motors import MATRICES, NAMES
+from tests.optik.test_motors import MATRICES, NAMES, palletiser
 
 BENT = np.array([0.3, -0.5, 0.6, -0.4, 0.5, 0.2])
 TURN = np.array([1.0, -0.7, 0.8, 0.9, -1.0, 1.1])
@@ -283,3 +283,19 @@ def test_searches_that_begin_anew_stay_inside_the_ranges_of_the_motors() -> None
         found += len(ways.paths)
         assert all(robot.limits.contains(way).all() for way in ways.paths)
     assert found
+
+
+def test_ranges_of_axes_beside_those_of_the_motors_are_kept_and_named() -> None:
+    robot = palletiser()
+    q = np.array([0.1, -0.5, 0.8, -1.0, 0.5, 0.2])
+    inside, beyond = q + np.array([0.3, 0.2, 0.6, 0.0, 0.0, 0.0]), q + np.array([0.0, -0.6, -0.6, 0.0, 0.0, 0.0])
+    found = plan(robot, JointLine(robot, q, inside), q)
+    assert found and found.certificate.position_margin.shape == (7,)  # six motors, and joint 3
+    t = np.linspace(0.0, found.duration, 2001)
+    x = found.trajectory(t)[:, 2]
+    assert found.certificate.position_margin[6] == pytest.approx(min(x.min() - 0.4, 2.3 - x.max()), abs=1e-6)
+    wide = robot.with_limits(lower=robot.motors.limit_axes().lower, upper=robot.motors.limit_axes().upper)
+    failed = plan(robot, JointLine(wide, q, beyond), q)
+    assert not failed and "joint3 leaves its range [0.4, 2.3] rad" in str(failed)
+    proof = certify(robot, None, plan(wide, JointLine(wide, q, beyond), q).trajectory, MotionLimits.of(robot))
+    assert "joint3 exceeds its range by 0.2 " in proof.violations[0].words

@@ -34,6 +34,7 @@ from planners import (
     to_ros,
 )
 from planners.cell import make_drive
+from planners.certificate.torque import TorqueBounds, bound_fourths
 from planners.choice.clearances import pair_rooms
 from planners.choice.columns import joint_changes, tool_changes
 from planners.choice.programme import write_torque_changes
@@ -287,3 +288,33 @@ def test_searches_and_freedoms_of_linkages() -> None:
     assert given and turned and turned.duration <= given.duration * (1.0 + 1e-6)
     straight, bent = plan(robot, JointLine(robot, q, -q), q), plan(robot, PointToPoint(robot, q, -q), q)
     assert straight and bent and bent.duration <= straight.duration * (1.0 + 1e-6)
+
+
+def test_fourth_derivatives_of_torques_are_below_their_bounds() -> None:
+    robot, rng = robot_of(KINDS["mimic of a mimic"]), np.random.default_rng(9)
+    for h in (0.02, 0.3):
+        joints = rng.normal(size=(1, 6, robot.n)) / h ** np.arange(6.0)[:, None]
+        bounds = TorqueBounds(robot, np.array([0.0, h]), joints, joints)
+        out = np.empty((1, robot.n))
+        bound_fourths(bounds.models[0], np.array([h]), joints, out)
+        t = 0.5 * h * (1.0 + np.cos(np.pi * (np.arange(60) + 0.5) / 60))
+        powers = t[:, None] ** np.arange(6) / np.cumprod([1.0, 1.0, 2.0, 3.0, 4.0, 5.0])
+        states = [powers[:, : 6 - k] @ joints[0, k:] for k in range(3)]
+        smooth = robot.with_inertia(coulomb=np.zeros(len(robot.fixed)))
+        for i, torque in enumerate(smooth.torques(*states).T):
+            fitted = np.polynomial.Chebyshev.fit(t, torque, 40, domain=[0.0, h])
+            truth = np.abs(fitted.deriv(4)(np.linspace(0.1 * h, 0.9 * h, 50))).max()
+            assert truth <= out[0, i], (h, i)
+
+
+def test_errors_of_curved_joint_paths_are_those_of_the_twin() -> None:
+    plain = twins()[0]
+    q = np.array([0.2, 0.3, 0.4, 0.3, 0.6, -0.2])
+    found, errors = plan(plain, PointToPoint(plain, q, -q), q), list[float]()
+    shifts = 0.05 * np.random.default_rng(4).normal(size=found.path.coefficients.shape)
+    shifts[[0, 1, 2, -3, -2, -1]] = 0.0
+    for arm in twins():
+        for share in (0.0, 1.0):  # on the path the bound is that of its remainder
+            path = PointToPoint(arm, q, -q).with_coefficients(found.path.coefficients + share * shifts)
+            errors += certify(arm, path, found.trajectory, MotionLimits.of(arm)).path_error[:2]
+    assert errors[4:] == pytest.approx(errors[:4], rel=1e-3, abs=0.0) and errors[2] > 1e-4 > errors[0]
