@@ -173,7 +173,7 @@ def segment_mesh(a: Triple, b: Triple, corners: Array, faces: Array, edges: Arra
 
     Shapes and units: a, b [m], corners (v, 3), faces (f, 4), edges (e, 12) of a `Hull` [m, 1]. Returns [m].
     """
-    points, at, shares = np.empty((4, 3)), np.zeros(4), np.zeros(4)
+    points, at, shares, work = np.empty((4, 3)), np.zeros(4), np.zeros(4), np.empty((5, 4))
     v, share, count, bound = (a[0] - corners[0, 0], a[1] - corners[0, 1], a[2] - corners[0, 2]), 0.0, 1, -np.inf
     points[0, 0], points[0, 1], points[0, 2], shares[0] = v[0], v[1], v[2], 1.0
     length = sqrt(dot(v, v))
@@ -190,7 +190,7 @@ def segment_mesh(a: Triple, b: Triple, corners: Array, faces: Array, edges: Arra
             break
         points[count, 0], points[count, 1] = end[0] - corners[which, 0], end[1] - corners[which, 1]
         points[count, 2], at[count], shares[count] = end[2] - corners[which, 2], 0.0 if first <= last else 1.0, 0.0
-        count = reduce_simplex(points, at, shares, count + 1)
+        count = reduce_simplex(points, at, shares, count + 1, work)
         x, y, z, s = 0.0, 0.0, 0.0, 0.0
         for i in range(count):
             x, y, z = x + shares[i] * points[i, 0], y + shares[i] * points[i, 1], z + shares[i] * points[i, 2]

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from math import sqrt
+
 import numpy as np
 
 from optik import kinematics
 from optik.arm.robot import Robot
-from optik.compiled import compiled
+from optik.compiled import compiled, inlined
 from optik.kinematics import Chain
 from optik.scene import Scene
 from optik.scene.contact import (
@@ -23,6 +25,7 @@ from optik.scene.contact import (
     refine,
     transform_point,
 )
+from optik.scene.distance import DISTANCE_ROUNDING
 from optik.types import Array, Flags, Indices
 from planners.choice.programme import ChoicePlace, Statics
 from planners.paths.control_curve import DEGREE, Basis
@@ -51,7 +54,8 @@ class NearPairs:
     def __init__(self, robot: Robot, scene: Scene, count: int) -> None:
         self._chain, self._bodies, self._margin = robot.chain, bodies_of(robot, scene), scene.margin
         capsules, pairs, self.count = len(self._bodies[0][0]), len(self._bodies[2]), count
-        self._memory = np.zeros((count, capsules, 2, 3)), np.zeros((count, capsules)), np.zeros((count, pairs))
+        frames = np.zeros((count, len(robot.fixed) if len(self._bodies[3][0]) else 0, 4, 4))
+        self._memory = np.zeros((count, capsules, 2, 3)), np.zeros((count, capsules)), np.zeros((count, pairs)), frames
         (link, a, b, radius), (body, other, kind) = self._bodies[0], self._bodies[2].T
         own = kind == SELF
         owner = np.where(own, -1 - (len(robot.fixed) + 1) * link[body] - link[np.where(own, other, 0)], body)
@@ -191,36 +195,57 @@ def pair_rooms(
                 slope[k, s, of] += factor * rate
 
 
+@inlined
+def _turn_between(a: Array, b: Array) -> float:
+    """Return how far a unit vector moves at most between two frames (4, 4): the norm of the difference of the rotations."""
+    square = 0.0
+    for i in range(3):
+        for j in range(3):
+            square += (b[i, j] - a[i, j]) ** 2
+    return sqrt(0.5 * square)
+
+
 @compiled
 def find_near(
     chain: Chain, bodies: Bodies, q: Array, margin: float, within: float,
-    memory: tuple[Array, Array, Array], blocks: tuple[Indices, Array, Array], found: tuple[Indices, Indices, Array],
+    memory: tuple[Array, Array, Array, Array], blocks: tuple[Indices, Array, Array], found: tuple[Indices, Indices, Array],
 ) -> int:  # fmt: skip
     """Find the pairs with less room than a bound, and return their number.
 
     memory (updated): ends of the capsules (k, m, 2, 3), how far each capsule has moved (k, m), and a lower bound on the room of
-    each pair plus the distance that its capsules had moved when it was computed (k, pairs) [m], or 0 if none is known. blocks:
+    each pair plus the distance that its capsules had moved when it was computed (k, pairs) [m], or 0 if none is known; if the
+    arm has hulls, also the frames of the joints (k, n, 4, 4), as hulls turn about the axes of their capsules, too. blocks:
     where the blocks of pairs begin, the least of these bounds in each (k, blocks) (updated), and spheres around the shapes of
     each link (n + 1, 4). found (written): configurations, pairs, rooms.
 
     Shapes and units: q (k, n) [rad, m], margin, within [m].
     """
     (link, a, b, radius), scene, pairs, hulls = bodies
-    (places, moved, known), (begin, least, balls) = memory, blocks
+    (places, moved, known, frames), (begin, least, balls) = memory, blocks
     frame, spheres, count = np.empty((chain[0].shape[0], 4, 4)), np.empty((link.shape[0], 4)), 0
+    turned, turned_on = np.empty(chain[0].shape[0]), np.empty(chain[0].shape[0])
     ahead = np.zeros(link.shape[0])  # added to a stored bound of the previous configuration, gives one of this
     for k in range(q.shape[0]):
         kinematics.frames(chain, q[k], frame)
         at = places[k]
+        for j in range(frames.shape[1]):
+            turned[j] = _turn_between(frames[k, j], frame[j])
+            frames[k, j] = frame[j]
+            turned_on[j] = _turn_between(frames[max(k - 1, 0), j], frame[j])
         for m in range(link.shape[0]):
             u, v = transform_point(frame, link[m], read_row(a, m)), transform_point(frame, link[m], read_row(b, m))
             moved[k, m] += max(length_between(read_row(at[m], 0), u), length_between(read_row(at[m], 1), v))
+            turns = frames.shape[1] > 0 and link[m] > 0
+            if turns:
+                moved[k, m] += (radius[m] + DISTANCE_ROUNDING) * turned[link[m] - 1]
             at[m, 0, 0], at[m, 0, 1], at[m, 0, 2] = u
             at[m, 1, 0], at[m, 1, 1], at[m, 1, 2] = v
             spheres[m, 0], spheres[m, 1], spheres[m, 2] = middle_of(u, v)
             spheres[m, 3] = 0.5 * length_between(u, v)
             before = places[max(k - 1, 0), m]
             step = max(length_between(read_row(before, 0), u), length_between(read_row(before, 1), v))
+            if turns:
+                step += (radius[m] + DISTANCE_ROUNDING) * turned_on[link[m] - 1]
             ahead[m] = moved[k, m] - moved[max(k - 1, 0), m] - step
         for block in range(least.shape[1]):
             first, lowest, m = begin[block], np.inf, pairs[begin[block], 0]
@@ -245,11 +270,11 @@ def find_near(
                     room = bound_distance(read_row(spheres, m), spheres[m, 3], kind, i, scene, spheres) - thick
                     if room < within:
                         room = find_nearest((m, i, kind), scene, at)[0] - thick
-                    known[k, p] = room + way
-                    if room <= HULLS_FROM and hulls[0].shape[0] > 0:  # hulls turn: their room is not known further on
+                    if room <= HULLS_FROM and hulls[0].shape[0] > 0:
                         finer = refine((m, i, kind), scene, hulls, frame)[0]
                         if finer > 0.0:
                             room = max(room, finer - (margin if kind != SELF else 0.0))
+                    known[k, p] = room + way
                     if room < within:
                         found[0][count], found[1][count], found[2][count] = k, p, room
                         count += 1

@@ -74,6 +74,8 @@ ENTRIES = np.linspace(0.0, 0.95, 8)
 class _Samples:
     """Samples R (k, 4, n) of a reference as a joint path, for the rows of limits."""
 
+    asked = "pose"
+
     def __init__(self, robot: Robot, R: Array) -> None:
         self.robot, self.path, self.end, self._R = robot, self, 0.0, R
 

@@ -195,9 +195,12 @@ def measure(case: int) -> Row:
 def judge_rows(rows: list[Row]) -> list[Value]:
     known = [row for row in rows if not row.get("missing")]
     for row in known:
-        share = row["found"] / max(row["free"], 1)
-        print(f"  {row['name']}: free by both {100 * share:.1f} % of {row['free']}, solved {row['solved']} of {row['asked']}, "
-              f"CPU {row['cpu'][0]:.2f} and {row['cpu'][1]:.2f} s ({row['both']}), load {row['first']:.1f} and {row['again']:.2f} s")  # fmt: skip
+        row["share"] = 100.0 * row["found"] / max(row["free"], 1)
+        words = (
+            "{name}: {share:.1f} % of {free} free, {solved} of {asked}, {both} by both in {cpu} s, "
+            "load {first:.1f}, {again:.2f} s"
+        )
+        print(f"  {words.format(**row)}")
     shares = [row["found"] / max(row["free"], 1) for row in known]
     solved = [row["solved"] / row["asked"] for row in known if row["asked"]]
     ratio = np.divide(*np.sum([row["cpu"] for row in known], axis=0))

@@ -101,7 +101,7 @@ def test_distances_of_hulls_are_those_of_least_squares_and_never_larger(kind: st
         found, normal, point = nearest_hulls(1, 0, hulls, frame)
         moved = b @ T[:3, :3].T + T[:3, 3]
         least = least_distance(moved, a)
-        assert least - 1e-8 <= max(found, 0.0) <= least + 1e-12
+        assert least - 2e-7 <= max(found, 0.0) <= least + 1e-12
         if found > 1e-6:  # the normal separates both, and the point belongs to the first
             assert (moved @ normal).min() - (a @ normal).max() >= found - 1e-12
             assert least_distance(moved, np.array([point])) < 1e-7

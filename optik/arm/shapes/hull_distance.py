@@ -21,7 +21,7 @@ corners, centre and radius of a ball around it, and its rounding radius [m]; cor
 the number of the first body of each kind of a pair (7,), see `optik.scene.contact`. Empty for an arm without hulls."""
 Pose = tuple[float, float, float, float, float, float, float, float, float, float, float, float]
 """The upper three rows of a transform."""
-HULL_ERROR = 1e-9
+HULL_ERROR = 1e-7
 """Gap between a distance found and its lower bound [m] at which the search ends."""
 MOST_KNOWN = 1000
 """Most pairs of triangles that are remembered."""
@@ -30,17 +30,17 @@ MOST_STEPS = 200
 
 
 @compiled
-def _affine_minimum(points: Array, count: int, shares: Array) -> bool:
-    """Compute the affine combination of points (count, 3) that is nearest to the origin; False if they are dependent."""
-    A, x, k = np.empty((3, 3)), np.empty(3), count - 1
+def _affine_minimum(points: Array, count: int, work: Array) -> bool:
+    """Compute the affine combination of points (count, 3) nearest to the origin, row 4 of `work`; False if dependent."""
+    A, k = work, count - 1  # the right side is row 3
     for i in range(k):
         for j in range(k):
             A[i, j] = 0.0
             for c in range(3):
                 A[i, j] += (points[i + 1, c] - points[0, c]) * (points[j + 1, c] - points[0, c])
-        x[i] = 0.0
+        A[3, i] = 0.0
         for c in range(3):
-            x[i] -= (points[i + 1, c] - points[0, c]) * points[0, c]
+            A[3, i] -= (points[i + 1, c] - points[0, c]) * points[0, c]
     for i in range(k):  # Cholesky's factor below the diagonal, and forward substitution
         for j in range(i + 1):
             for m in range(j):
@@ -51,38 +51,39 @@ def _affine_minimum(points: Array, count: int, shares: Array) -> bool:
             return False
         A[i, i] = sqrt(A[i, i])
         for m in range(i):
-            x[i] -= A[i, m] * x[m]
-        x[i] /= A[i, i]
-    shares[0] = 1.0
+            A[3, i] -= A[i, m] * A[3, m]
+        A[3, i] /= A[i, i]
+    A[4, 0] = 1.0
     for i in range(k - 1, -1, -1):
         for m in range(i + 1, k):
-            x[i] -= A[m, i] * x[m]
-        x[i] /= A[i, i]
-        shares[i + 1] = x[i]
-        shares[0] -= x[i]
+            A[3, i] -= A[m, i] * A[3, m]
+        A[3, i] /= A[i, i]
+        A[4, i + 1] = A[3, i]
+        A[4, 0] -= A[3, i]
     return True
 
 
 @compiled
-def reduce_simplex(points: Array, at: Array, shares: Array, count: int) -> int:
+def reduce_simplex(points: Array, at: Array, shares: Array, count: int, work: Array) -> int:
     """Move to the point of the simplex that is nearest to the origin, and drop the corners that it does not need.
 
-    points (4, 3) and at (4,), a number of each point, are reordered; shares (4,) of the point before, the last one 0.
-    Returns the number of corners; 0 if they are dependent.
+    points (4, 3) and at (4,), a number of each point, are reordered; shares (4,) of the point before, the last one 0; work
+    (5, 4) is overwritten. Returns the number of corners; 0 if they are dependent.
     """
-    new = np.empty(4)
     while True:
-        if not _affine_minimum(points, count, new):
+        if not _affine_minimum(points, count, work):
             return 0
         step = 1.0
         for i in range(count):
-            if new[i] <= 0.0 and shares[i] - new[i] > 0.0:
-                step = min(step, shares[i] / (shares[i] - new[i]))
+            if work[4, i] <= 0.0 and shares[i] - work[4, i] > 0.0:
+                step = min(step, shares[i] / (shares[i] - work[4, i]))
         kept = 0
         for i in range(count):
-            left = shares[i] + step * (new[i] - shares[i])
-            if new[i] > 0.0 or (step < 1.0 and left > 1e-15):
-                points[kept], at[kept], shares[kept] = points[i], at[i], left
+            left = shares[i] + step * (work[4, i] - shares[i])
+            if work[4, i] > 0.0 or (step < 1.0 and left > 1e-15):
+                for c in range(3):
+                    points[kept, c] = points[i, c]
+                at[kept], shares[kept] = at[i], left
                 kept += 1
         if step == 1.0 or kept == count or kept == 0:
             return kept
@@ -139,7 +140,7 @@ def hull_distance(
 
     spans: first and last corner of each hull. T, U: their poses. towards: a first direction, from the second hull to the first.
     """
-    points, at, shares = np.empty((4, 3)), np.zeros(4), np.zeros(4)
+    points, at, shares, work = np.empty((4, 3)), np.zeros(4), np.zeros(4), np.empty((5, 4))
     v, length, bound, normal = towards, 1.0, -np.inf, (1.0, 0.0, 0.0)
     point, count, begins = (0.0, 0.0, 0.0), 0, True
     for _ in range(MOST_STEPS):
@@ -159,7 +160,7 @@ def hull_distance(
                 break
             points[count, 0], points[count, 1], points[count, 2] = m
             at[count], shares[count] = i, 0.0
-            count = reduce_simplex(points, at, shares, count + 1)
+            count = reduce_simplex(points, at, shares, count + 1, work)
         x, y, z = 0.0, 0.0, 0.0
         for k in range(count):
             x, y, z = x + shares[k] * points[k, 0], y + shares[k] * points[k, 1], z + shares[k] * points[k, 2]
@@ -273,5 +274,5 @@ def count_crossings(chain: Chain, meshes: Hulls, balls: Array, q: Array) -> int:
                     count += 1
                     break
         if not found:
-            return k
-    return q.shape[0]
+            return int(k)
+    return int(q.shape[0])

@@ -156,19 +156,17 @@ def _cut(part: Part, around: tuple[Solid, Capsule]) -> list[Solid]:
 
 def _halve(part: Part, hull: Solid, around: tuple[Solid, Capsule]) -> list[tuple[Part, Solid]]:
     """Return both pieces of a part, with their hulls, by the cut of some that makes the hulls smallest; none if none helps."""
-    few, best = (
-        part._replace(triangles=part.triangles[:: 1 + len(part.triangles) // FEW_TRIANGLES]),
-        (hull.volume, None),
-    )
+    few = part._replace(triangles=part.triangles[:: 1 + len(part.triangles) // FEW_TRIANGLES])
+    least, best = hull.volume, list[tuple[Array, list[float]]]()
     for u in find_axes(hull.points):
         low, high = float((hull.points @ u).min()), float((hull.points @ u).max())
         for share in CUTS:
             cut = u, [low + share * (high - low)]
             pieces = few.cut(*cut)
             left = sum(_hull_of(piece, around).volume for piece in pieces) if len(pieces) == 2 else np.inf
-            if left < best[0]:
-                best = left, cut
-    pieces = part.cut(*best[1]) if best[1] is not None else []
+            if left < least:
+                least, best = left, [cut]
+    pieces = part.cut(*best[0]) if best else []
     return [(piece, _hull_of(piece, around)) for piece in pieces] if len(pieces) == 2 else []
 
 
@@ -191,12 +189,12 @@ def _measure(hulls: list[Hull], tree: Any) -> list[Hull]:
             extent = np.linalg.norm(triangles - middle[:, None], axis=2).max(axis=1)
             points = np.concatenate([triangles, middle[:, None]], axis=1)
             inside = np.array([is_behind(points, planes, thick) for planes in others]).reshape(-1, len(points), 4)
-            within = inside.any(axis=0)
-            kept = ~(inside.all(axis=2).any(axis=0) | ((extent < step) & within.all(axis=1)))
+            within: Flags = np.any(inside, axis=0)
+            kept: Flags = ~(np.all(inside, axis=2).any(axis=0) | ((extent < step) & np.all(within, axis=1)))
             triangles, middle, extent, within = triangles[kept], middle[kept], extent[kept], within[kept]
             distance = np.asarray(tree.query(middle)[0])
             least = max(bound, float(distance[~within[:, 3]].max(initial=0.0)))
-            open_ = (distance + extent > least + 0.2 * step) | (within.any(axis=1) & (extent >= step))
+            open_ = (distance + extent > least + 0.2 * step) | (np.any(within, axis=1) & (extent >= step))
             bound = max(bound, float((distance + extent)[~open_].max(initial=0.0)))
             a, b, c = np.moveaxis(triangles[open_], 1, 0)
             p, q, r = 0.5 * (a + b), 0.5 * (b + c), 0.5 * (c + a)

@@ -14,7 +14,8 @@ from numpy.typing import ArrayLike
 
 from optik import se3
 from optik.arm.shapes.check import Capsules, check_capsules, check_excess
-from optik.arm.shapes.hulls import Hull, check_hulls, list_hulls
+from optik.arm.shapes.enclosure import Hull
+from optik.arm.shapes.hulls import check_hulls, list_hulls
 from optik.check import check_count, check_words, format_value
 from optik.errors import InvalidInput
 from optik.types import Array, Indices
