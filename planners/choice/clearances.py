@@ -205,6 +205,33 @@ def _turn_between(a: Array, b: Array) -> float:
     return sqrt(0.5 * square)
 
 
+@inlined
+def _measure_turns(frame: Array, frames: Array, k: int, turned: Array) -> None:
+    """Write how far links turned since their frames were remembered, and since those of the configuration before."""
+    for j in range(frames.shape[1]):
+        turned[0, j + 1] = _turn_between(frames[k, j], frame[j])
+        frames[k, j] = frame[j]
+        turned[1, j + 1] = _turn_between(frames[max(k - 1, 0), j], frame[j])
+
+
+@inlined
+def _room_of(
+    pair: tuple[int, int, int], at: tuple[Array, Array, Array], bodies: Bodies, margin: float, within: float
+) -> float:
+    """Return the room of a pair, or a lower bound on it if that is at least `within`; at: places, spheres and frames."""
+    (_link, _a, _b, radius), scene, _pairs, hulls = bodies
+    (m, i, kind), (places, spheres, frame) = pair, at
+    thick = radius[m] + (radius[i] if kind == SELF else margin + (scene[4][i] if kind == ROUND else 0.0))
+    room = bound_distance(read_row(spheres, m), spheres[m, 3], kind, i, scene, spheres) - thick
+    if room < within:
+        room = find_nearest(pair, scene, places)[0] - thick
+        if room <= HULLS_FROM and hulls[0].shape[0] > 0:
+            finer = refine(pair, scene, hulls, frame)[0]
+            if finer > 0.0:
+                room = max(room, finer - (margin if kind != SELF else 0.0))
+    return room
+
+
 @compiled
 def find_near(
     chain: Chain, bodies: Bodies, q: Array, margin: float, within: float,
@@ -220,33 +247,27 @@ def find_near(
 
     Shapes and units: q (k, n) [rad, m], margin, within [m].
     """
-    (link, a, b, radius), scene, pairs, hulls = bodies
+    (link, a, b, radius), _scene, pairs, _hulls = bodies
     (places, moved, known, frames), (begin, least, balls) = memory, blocks
     frame, spheres, count = np.empty((chain[0].shape[0], 4, 4)), np.empty((link.shape[0], 4)), 0
-    turned, turned_on = np.empty(chain[0].shape[0]), np.empty(chain[0].shape[0])
+    turned = np.zeros((2, chain[0].shape[0] + 1))
     ahead = np.zeros(link.shape[0])  # added to a stored bound of the previous configuration, gives one of this
     for k in range(q.shape[0]):
         kinematics.frames(chain, q[k], frame)
         at = places[k]
-        for j in range(frames.shape[1]):
-            turned[j] = _turn_between(frames[k, j], frame[j])
-            frames[k, j] = frame[j]
-            turned_on[j] = _turn_between(frames[max(k - 1, 0), j], frame[j])
+        _measure_turns(frame, frames, k, turned)
         for m in range(link.shape[0]):
             u, v = transform_point(frame, link[m], read_row(a, m)), transform_point(frame, link[m], read_row(b, m))
             moved[k, m] += max(length_between(read_row(at[m], 0), u), length_between(read_row(at[m], 1), v))
-            turns = frames.shape[1] > 0 and link[m] > 0
-            if turns:
-                moved[k, m] += (radius[m] + DISTANCE_ROUNDING) * turned[link[m] - 1]
+            thick = radius[m] + DISTANCE_ROUNDING if frames.shape[1] > 0 else 0.0
+            moved[k, m] += thick * turned[0, link[m]]
             at[m, 0, 0], at[m, 0, 1], at[m, 0, 2] = u
             at[m, 1, 0], at[m, 1, 1], at[m, 1, 2] = v
             spheres[m, 0], spheres[m, 1], spheres[m, 2] = middle_of(u, v)
             spheres[m, 3] = 0.5 * length_between(u, v)
             before = places[max(k - 1, 0), m]
             step = max(length_between(read_row(before, 0), u), length_between(read_row(before, 1), v))
-            if turns:
-                step += (radius[m] + DISTANCE_ROUNDING) * turned_on[link[m] - 1]
-            ahead[m] = moved[k, m] - moved[max(k - 1, 0), m] - step
+            ahead[m] = moved[k, m] - moved[max(k - 1, 0), m] - (step + thick * turned[1, link[m]])
         for block in range(least.shape[1]):
             first, lowest, m = begin[block], np.inf, pairs[begin[block], 0]
             if pairs[first, 2] == SELF:
@@ -264,16 +285,7 @@ def find_near(
                 if known[k, p] == 0.0 and k > 0 and known[k - 1, p] != 0.0:
                     known[k, p] = known[k - 1, p] + ahead[m] + (ahead[i] if kind == SELF else 0.0)
                 if known[k, p] == 0.0 or known[k, p] - way < within:
-                    thick = radius[m] + (
-                        radius[i] if kind == SELF else margin + (scene[4][i] if kind == ROUND else 0.0)
-                    )
-                    room = bound_distance(read_row(spheres, m), spheres[m, 3], kind, i, scene, spheres) - thick
-                    if room < within:
-                        room = find_nearest((m, i, kind), scene, at)[0] - thick
-                    if room <= HULLS_FROM and hulls[0].shape[0] > 0:
-                        finer = refine((m, i, kind), scene, hulls, frame)[0]
-                        if finer > 0.0:
-                            room = max(room, finer - (margin if kind != SELF else 0.0))
+                    room = _room_of((m, i, kind), (at, spheres, frame), bodies, margin, within)
                     known[k, p] = room + way
                     if room < within:
                         found[0][count], found[1][count], found[2][count] = k, p, room

@@ -138,6 +138,14 @@ def _hull_gap(pair: tuple[int, int, int], scene: Objects, hulls: Hulls, frame: A
     return refine(pair, scene, hulls, frame)[0] - DISTANCE_ROUNDING - (margin if pair[2] != SELF else 0.0)
 
 
+@inlined
+def _free_of_hulls(gap: float, rate: float, h: float, slack: bool) -> float:
+    """Return the half length ≤ h of the interval in which hulls stay apart that move by at most `rate` within h."""
+    if gap > rate:
+        return h
+    return h * gap / rate if gap > 0.0 and not slack else 0.0
+
+
 @compiled
 def find_blocked(body: Body, q: Array, work: Work) -> int:
     """Return the first pair in contact or within the margin at a configuration, −1 if there is none.
@@ -231,23 +239,21 @@ def _measure(a: Array, b: Array, deviation: Array) -> tuple[float, bool]:
 def find_unproved(body: Body, a: Array, b: Array, deviation: Array, work: Work) -> int:
     """Return a pair that prevents the proof that a straight joint motion is free, −1 if all is proved.
 
-    The proof covers every configuration of which each joint is within its deviation of some point of the segment a–b. There is
-    no step size: distances in the middle of an interval bound how far the joints can move before contact. The parts on both
-    sides that remain are examined in the same way. Without a deviation the end b is examined first.
+    The proof covers every configuration of which each joint is within its deviation of some point of the segment a–b: distances
+    in the middle of an interval bound how far the joints can move before contact, and the parts on both sides that remain are
+    examined in the same way. Without a deviation the end b is examined first.
 
     Shapes and units: a, b, deviation (n,) [rad, m].
     """
     chain, (link, ends_a, ends_b, radius), scene, pairs, thick, boxes, hulls, margin = body
     frame, joint, moved, spheres, _q, open_, spans, counts = work
-    away, axes = moved[2], (link, ends_a, ends_b)
-    length, slack = _measure(a, b, deviation)
+    away, axes, (length, slack) = moved[2], (link, ends_a, ends_b), _measure(a, b, deviation)
     if not slack:
         last = find_blocked(body, b, work)
         if last >= 0:
             return last
     spans[0, 0], spans[0, 1], counts[0], top = 0.0, 1.0, pairs.shape[0], 0
-    for p in range(pairs.shape[0]):
-        open_[0, p] = p
+    open_[0, : pairs.shape[0]] = np.arange(pairs.shape[0])
     while top >= 0:
         low, high, number = spans[top, 0], spans[top, 1], counts[top]
         t, h = 0.5 * (low + high), 0.5 * (high - low)
@@ -256,9 +262,8 @@ def find_unproved(body: Body, a: Array, b: Array, deviation: Array, work: Work) 
         for entry in range(number):
             p = open_[top, entry]
             k, i, kind = pairs[p, 0], pairs[p, 1], pairs[p, 2]
-            if spheres[k, 3] < 0.0:
-                locate_capsule(k, chain, frame, axes, joint, moved, spheres)
-            if kind == SELF and spheres[i, 3] < 0.0:
+            locate_capsule(k, chain, frame, axes, joint, moved, spheres)
+            if kind == SELF:
                 locate_capsule(i, chain, frame, axes, joint, moved, spheres)
             base = link[i] if kind == SELF else 0
             shift = max(away[k, 0, base], away[k, 1, base])
@@ -269,13 +274,9 @@ def find_unproved(body: Body, a: Array, b: Array, deviation: Array, work: Work) 
             if gap > 0.0:
                 free, speed = _free_half(near, gap, moved, k, base, h, slack, kind == CLOUD)
             if free < h and gap <= HULLS_FROM and hulls[0].shape[0] > 0:
-                finer = _hull_gap((k, i, kind), scene, hulls, frame, margin)
                 rate = shift + (radius[k] + DISTANCE_ROUNDING) * turn_between(joint, chain[1], base, link[k])
-                gap = max(gap, finer)
-                if finer > rate:
-                    free = h
-                elif finer > 0.0 and not slack:
-                    free = max(free, h * finer / rate)
+                finer = _hull_gap((k, i, kind), scene, hulls, frame, margin)
+                gap, free = max(gap, finer), max(free, _free_of_hulls(finer, rate, h, slack))
             if gap <= 0.0:
                 return int(p)
             if free < h:
@@ -288,11 +289,9 @@ def find_unproved(body: Body, a: Array, b: Array, deviation: Array, work: Work) 
             continue
         if (least if not slack else h) * length < FINEST_PROOF or top + 1 >= MOST_OPEN:
             return int(last)
-        first, second = (t + least, high), (low, t - least)
-        if outwards > 0.0:  # first the part in which the nearest pair approaches: it probably has the contact
-            first, second = second, first
-        for entry in range(left):
-            open_[top + 1, entry] = open_[top, entry]
+        before, behind = (low, t - least), (t + least, high)  # first the part with the contact, probably
+        first, second = (before, behind) if outwards > 0.0 else (behind, before)
+        open_[top + 1, :left] = open_[top, :left]
         spans[top, 0], spans[top, 1], counts[top] = second[0], second[1], left
         top += 1
         spans[top, 0], spans[top, 1], counts[top] = first[0], first[1], left

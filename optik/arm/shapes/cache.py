@@ -1,4 +1,4 @@
-"""Cache of enclosures, and of how often they touch, in the user's cache folder, by the content from which they are computed.
+"""Cache of enclosures and of their contacts in the user's cache folder, by the content from which they are computed.
 
 A file is named by the SHA-256 of that content and of the code that encloses. It holds the capsules as numbers behind
 their SHA-256, which detects damage. A damaged file is replaced. Without a folder that can be written, nothing is cached.

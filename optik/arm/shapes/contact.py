@@ -27,6 +27,7 @@ OFTEN = 0.5
 MOST_NAMED = 3
 """Most pairs that a warning names."""
 KINDS = np.zeros(7, np.int64)
+"""Numbers of the first objects of each kind, of an arm alone."""
 
 
 def find_contact_shares(arm: ArmModel) -> dict[tuple[str, str], float]:

@@ -1,4 +1,4 @@
-"""Distance of convex hulls that move with the links of an arm: a lower bound by Wolfe's algorithm, which equals it to rounding.
+"""Distance of convex hulls that move with the links of an arm: a lower bound by Wolfe's algorithm, equal to rounding.
 
 The distance is that of the origin to the Minkowski difference of both hulls (Wolfe, Finding the nearest point in a polytope,
 1976). Every step has a direction, and a direction proves a lower bound, which is what is returned.

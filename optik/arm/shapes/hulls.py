@@ -42,7 +42,7 @@ MOST_HULLS = 8
 """Most hulls of the part of a mesh in one capsule."""
 WORTH_HALVING = 0.03
 """A part is cut if this reduces the volume of its hulls by at least this fraction of the volume of the body's hulls."""
-FEW_TRIANGLES = 300
+CHOOSING_TRIANGLES = 300
 """Number of triangles of a larger part from which its cut is chosen."""
 RING = 32
 """Corners around each end of the hull of a cylinder."""
@@ -156,7 +156,7 @@ def _cut(part: Part, around: tuple[Solid, Capsule]) -> list[Solid]:
 
 def _halve(part: Part, hull: Solid, around: tuple[Solid, Capsule]) -> list[tuple[Part, Solid]]:
     """Return both pieces of a part, with their hulls, by the cut of some that makes the hulls smallest; none if none helps."""
-    few = part._replace(triangles=part.triangles[:: 1 + len(part.triangles) // FEW_TRIANGLES])
+    few = part._replace(triangles=part.triangles[:: 1 + len(part.triangles) // CHOOSING_TRIANGLES])
     least, best = hull.volume, list[tuple[Array, list[float]]]()
     for u in find_axes(hull.points):
         low, high = float((hull.points @ u).min()), float((hull.points @ u).max())
