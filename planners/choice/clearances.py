@@ -229,7 +229,7 @@ def _room_of(
             finer = refine(pair, scene, hulls, frame)[0]
             if finer > 0.0:
                 room = max(room, finer - (margin if kind != SELF else 0.0))
-    return room
+    return float(room)
 
 
 @compiled
