@@ -100,7 +100,10 @@ class _Walk:
         elif isinstance(v, CodeType):
             self._code(v)
         elif isinstance(v, NAMED) or _foreign(v):
-            self.note("named", type(v).__qualname__, getattr(v, "__module__", ""), ADDRESS.sub("", repr(v)))
+            name = (
+                v.__name__ if isinstance(v, ModuleType) else ADDRESS.sub("", repr(v))
+            )  # a module's repr has its folder
+            self.note("named", type(v).__qualname__, getattr(v, "__module__", ""), name)
         else:
             number = len(self.met)
             known = self.met.setdefault((id(v), names if isinstance(v, ModuleType) else None), number)

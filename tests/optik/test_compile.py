@@ -545,3 +545,14 @@ def test_a_terminal_is_told_of_a_long_compilation_and_the_line_is_removed(tmp_pa
         os.close(ours)
         assert ("compiling, 0 s: inner" in words) is told
         assert words.endswith("\x1b[K") is told
+
+
+def test_a_fingerprint_does_not_depend_on_where_packages_are_installed(monkeypatch):
+    from optik import kinematics, load
+
+    chain = load("ur5e").chain
+    signature = (typeof(chain), types.Array(types.float64, 2, "C"), types.Array(types.float64, 3, "C"))
+    here = fingerprint(kinematics.fk_batch, signature)
+    monkeypatch.setattr(np.__spec__, "origin", "/elsewhere/numpy/__init__.py")
+    assert "/elsewhere" in repr(np)
+    assert fingerprint(kinematics.fk_batch, signature) == here
