@@ -6,6 +6,7 @@ import itertools
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -34,6 +35,7 @@ from planners import (
     to_ros,
 )
 from planners.cell import make_drive
+from planners.certificate.path_error import path_error
 from planners.certificate.torque import TorqueBounds, bound_fourths
 from planners.choice.clearances import pair_rooms
 from planners.choice.columns import joint_changes, tool_changes
@@ -321,3 +323,20 @@ def test_errors_of_curved_joint_paths_are_those_of_the_twin() -> None:
             path = PointToPoint(arm, q, -q).with_coefficients(found.path.coefficients + share * shifts)
             errors += certify(arm, path, found.trajectory, MotionLimits.of(arm)).path_error[:2]
     assert errors[4:] == pytest.approx(errors[:4], rel=1e-3, abs=0.0) and errors[2] > 1e-4 > errors[0]
+
+
+def test_remainders_on_curved_joint_paths_are_those_of_the_twin(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("planners.certificate.path_error.NARROWEST_SHARE", 1e9)  # so no interval is divided
+
+    def leave_to_joints(*given: Any) -> None:
+        given[-2][:], given[-1][:] = np.inf, 0.0
+
+    monkeypatch.setattr("planners.certificate.path_error.intervals", leave_to_joints)
+    q, errors = np.array([0.2, 0.3, 0.4, 0.3, 0.6, -0.2]), list[float]()
+    found = plan(twins()[0], PointToPoint(twins()[0], q, -q), q)
+    shifts = 0.05 * np.random.default_rng(4).normal(size=found.path.coefficients.shape)
+    shifts[[0, 1, 2, -3, -2, -1]] = 0.0
+    for arm in twins():
+        path = PointToPoint(arm, q, -q).with_coefficients(found.path.coefficients + shifts)
+        errors += path_error(arm, path, found.trajectory)[0][:2]
+    assert errors[2:] == pytest.approx(errors[:2], rel=1e-6)
