@@ -69,7 +69,7 @@ def fingerprint(kernel: Dispatcher, signature: tuple[Any, ...]) -> str:
 
 def variant(kernel: Dispatcher, signature: tuple[Any, ...]) -> str:
     """Return a short name of one kernel of a function, from its types of arguments and the plain values in its closure."""
-    closed = _closed(kernel.py_func)
+    closed = _closure_of(kernel.py_func)
     parts = [ADDRESS.sub("", str(kind)) for kind in signature] + [repr(v) for v in closed if isinstance(v, PLAIN)]
     return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:16]
 
@@ -142,7 +142,7 @@ class _Walk:
     def _function(self, f: FunctionType) -> None:
         self.note("function", f.__module__)
         names = _names(f.__code__)
-        for v in (f.__code__, f.__defaults__, tuple((f.__kwdefaults__ or {}).items()), *_closed(f)):
+        for v in (f.__code__, f.__defaults__, tuple((f.__kwdefaults__ or {}).items()), *_closure_of(f)):
             self.value(v, names)
         self._globals({name: f.__globals__[name] for name in names & f.__globals__.keys()}, names)
 
@@ -166,7 +166,7 @@ def _foreign(v: Any) -> bool:
     return hasattr(v, "__name__") and (module or "").partition(".")[0] in FOREIGN
 
 
-def _closed(f: Any) -> list[Any]:
+def _closure_of(f: Any) -> list[Any]:
     """Return the values of a function's closure; of a cell that is not yet bound, nothing."""
     return [c.cell_contents for c in f.__closure__ or () if c != CellType()]
 
