@@ -10,12 +10,11 @@ import pytest
 
 import optik
 import planners
-from optik import se3
+from optik import registry, se3
 from optik.arm.limits import VelocityByPosition
 from optik.errors import InvalidInput, UnknownName
 from planners import Dwell, Line, MotionLimits, Move, Part, PlanStatus, Program, ToolChange
 from planners.limits import ALL_LIMITS
-from planners.limits.kinds import limit_names
 from planners.paths.program import ProgramPath
 from planners.trajectory import append_rest, join
 
@@ -249,8 +248,7 @@ def uneven():
 
 
 def test_every_limit_is_in_the_test_of_merged_certificates() -> None:
-    plugged = {"weighted_speed"}  # the example of a plug-in, if another test of this process has loaded it
-    assert set(BOUNDS) == {name for name in limit_names() if "/" not in name} - plugged
+    assert set(BOUNDS) == {*ALL_LIMITS, *registry.own_names("planners.limits")}
 
 
 @pytest.mark.parametrize("name", BOUNDS)

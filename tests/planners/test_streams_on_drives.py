@@ -131,16 +131,17 @@ def test_what_a_source_raises_is_the_fault_of_the_record_and_the_sent_motion_end
     robot, trace, chunks = optik.load("ur5e"), tmp_path / "trace", Chunks(9.0)
 
     def source(now: Setpoint) -> Chunk | None:
-        if now.t > 0.6:
+        if now.t > 2.2:
             raise KeyError("camera")
         return chunks(now)
 
     url = f"ws://127.0.0.1:{port}/ok?id={uuid.uuid4()}&names={','.join(robot.joint_names)}"
     url += f"&q={','.join(map(str, START))}&trace={trace}"
+    # a motion arrives in time on a busy machine, too: it is sent a second before it begins
     with RosbridgeTransport(url, timeout=20.0) as transport:
-        drive = RosDrive(robot, transport, execute=True, patience=20.0, latency=0.3)
-        done = drive.follow(stream(robot, source, START, rate=50.0, limits=LIMITS, budget=0.3))
-    assert not done and done.fault == "KeyError: 'camera'" and done.report.joined >= 1 and done.t[-1] > 0.9
+        drive = RosDrive(robot, transport, execute=True, patience=20.0, latency=1.0)
+        done = drive.follow(stream(robot, source, START, rate=50.0, limits=LIMITS, budget=1.0))
+    assert not done and done.fault == "KeyError: 'camera'" and done.report.joined >= 1 and done.t[-1] > 2.5
     q = commanded(trace, 0.01)
     np.testing.assert_allclose(q[-1], done.setpoints[-1], atol=1e-6)
     assert np.abs(q[-1] - q[-3]).max() < 1e-3 < np.abs(q[-1] - START).max()
