@@ -13,7 +13,7 @@ from planners.limits.open_container import OpenContainer
 from planners.limits.suction import Suction
 from planners.limits.tray import Tray
 from planners.motion import Motion
-from planners.motion.event import Event
+from planners.motion.motion import Event
 from planners.paths import Path, make_path, paths
 from planners.paths.arc import Arc
 from planners.paths.free_path import free
@@ -26,7 +26,7 @@ from planners.plan import Plan, PlanStatus, plan
 from planners.program.events import PathEvent, PeriodicEvent, TimedEvent
 from planners.program.file import load_program
 from planners.program.parts import Dwell, Move, Part, Program, ToolChange
-from planners.program.result import ProgramPlan
+from planners.program.planner import ProgramPlan
 from planners.replan import replan
 from planners.retarget import Chunk, JogVelocity, Retargeted, RetargetStatus, Setpoint, retarget, stream
 from planners.ros.export import to_ros

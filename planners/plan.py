@@ -22,14 +22,11 @@ from planners.limits import MotionLimits, check_path
 from planners.motion import PlanStatus
 from planners.paths.base import Path
 from planners.paths.goal import check_winding, path_to
-from planners.planning.planner import MotionPlanner
-from planners.planning.request import PlanRequest
+from planners.planning.planner import MotionPlanner, PlanRequest
 from planners.planning.result import Plan, PlanSeconds
 from planners.program.following import Options
 from planners.program.parts import Program
-from planners.program.planner import plan_program
-from planners.program.reconfigure import reconfigure
-from planners.program.result import ProgramPlan
+from planners.program.planner import ProgramPlan, plan_program, reconfigure
 from planners.search.base import SearchLike
 from planners.timing import LawLike, make_law
 

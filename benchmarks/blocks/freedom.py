@@ -13,10 +13,9 @@ import numpy as np
 import polars as pl
 from pydantic import AfterValidator, model_validator
 
-from benchmarks.blocks.arms import Payload, arm_label
 from benchmarks.blocks.base import NUMBER, TEXT, WHOLE, Field, Kind, Session, Trials, fields_of
-from benchmarks.blocks.block import Block, Entry, Target
-from benchmarks.blocks.columns import Column, Of, largest, quantile, share
+from benchmarks.blocks.block import Block, Column, Entry, Of, Target, largest, quantile, share
+from benchmarks.blocks.entries import Payload, arm_label
 from benchmarks.blocks.timing.motions import draw_motion_of
 from benchmarks.blocks.timing.rows import in_group
 from benchmarks.blocks.timing.settings import LimitSet
@@ -46,7 +45,7 @@ from planners.certificate.certification import certify
 from planners.freedom import freedom_of, freedoms
 from planners.limits import MotionLimits
 from planners.motion import PlanStatus
-from planners.motion.fit import fit_to_limits
+from planners.motion.motion import fit_to_limits
 from planners.paths.base import Path
 from planners.paths.free_path import FreePath, free
 from planners.paths.joint_line import JointLine

@@ -14,8 +14,7 @@ import polars as pl
 from pydantic import AfterValidator
 
 from benchmarks.blocks.base import NUMBER, TEXT, TRUTH, WHOLE, Field, Kind, Session, Trials, fields_of
-from benchmarks.blocks.block import Block, Entry, Target
-from benchmarks.blocks.columns import Column, count, mean, median, quantile, share
+from benchmarks.blocks.block import Block, Column, Entry, Target, count, mean, median, quantile, share
 from benchmarks.blocks.timing.settings import LimitSet
 from benchmarks.peers.base import Absent
 from benchmarks.peers.pyroboplan_motions import move_by_pyroboplan
@@ -28,7 +27,7 @@ from optik.arm.robot import Robot
 from optik.errors import InvalidInput, MissingDependency, NoSolution
 from optik.ik import get_solver
 from optik.ik.base import Tolerance
-from optik.plugins.usage import resolve_data_file
+from optik.plugins.files import resolve_data_file
 from optik.scene import Scene
 from optik.scene.contact import find_contact
 from optik.types import Array
@@ -37,11 +36,11 @@ from planners.certificate.certification import certify
 from planners.choice.first_paths import round_corners
 from planners.following.follow import DEFAULT_TOLERANCE, follow
 from planners.limits import MotionLimits
-from planners.motion.fit import fit
+from planners.motion.motion import fit
 from planners.paths.joint_line import JointLine
 from planners.paths.point_to_point import PointToPoint
 from planners.plan import Plan, plan
-from planners.planning.request import PlanRequest, judge_certificate
+from planners.planning.planner import PlanRequest, judge_certificate
 from planners.search.base import SearchResult, SearchStatus, measure_length
 from planners.search.find import find_path
 from planners.timing import make_law

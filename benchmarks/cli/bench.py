@@ -17,8 +17,7 @@ from benchmarks.cli.command import JsonCommand, RobotCommand, argument, option, 
 from benchmarks.cli.readers import load_or_error
 from optik.errors import InvalidInput, OutputError
 from optik.file_io import check_suffix
-from optik.plugins.files import CODE, is_path, split_links
-from optik.plugins.usage import record_plugins
+from optik.plugins.files import CODE, is_path, record_plugins, split_links
 
 if TYPE_CHECKING:
     from benchmarks.cli.explain import Explained

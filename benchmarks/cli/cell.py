@@ -14,10 +14,9 @@ from rich.table import Table
 from rich.text import Text
 
 import optik
-from benchmarks.cli.command import MotionCommand, err_console, numbers, option, out_console, print_json
+from benchmarks.cli.command import MotionCommand, err_console, numbers, option, out_console, print_json, translate
 from benchmarks.cli.motion import DRIVE_HELP, check_simulated
 from benchmarks.cli.readers import read_numbers
-from benchmarks.cli.words import translate
 from optik.check import check_count
 from optik.errors import InvalidInput, NoSolution
 from optik.file_io import check_suffix, write_atomically

@@ -12,13 +12,6 @@ import numpy as np
 import typer
 from rich.table import Table
 
-from benchmarks.cli.certificate import (
-    SMOOTH,
-    describe_clearance,
-    describe_effort,
-    format_excess,
-    format_ratio,
-)
 from benchmarks.cli.command import (
     LimitsCommand,
     RobotCommand,
@@ -29,11 +22,18 @@ from benchmarks.cli.command import (
     option,
     out_console,
     print_json,
+    translate,
 )
 from benchmarks.cli.motion import read_motion
-from benchmarks.cli.plan import SceneCommand
+from benchmarks.cli.plan import (
+    SMOOTH,
+    SceneCommand,
+    describe_clearance,
+    describe_effort,
+    format_excess,
+    format_ratio,
+)
 from benchmarks.cli.readers import read_configuration, read_numbers
-from benchmarks.cli.words import translate
 from benchmarks.provenance import version_here
 from optik.arm.model import unit_factors, unit_names
 from optik.arm.motors import have_same_matrix

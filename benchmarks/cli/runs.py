@@ -155,7 +155,7 @@ class DemoCommand(JsonCommand):
 
 def warn_of_cluster(address: str) -> None:
     """Warn if the connection to a scheduler is not encrypted; an address without a port is refused later."""
-    from benchmarks.run.cluster import warn_of_plain_text
+    from benchmarks.run.pool import warn_of_plain_text
 
     try:
         port = urlsplit(address if "://" in address else f"tcp://{address}").port
@@ -349,7 +349,7 @@ class CompareCommand(JsonCommand):
 
     def _print(self, found: Comparison) -> None:
         """Print the different settings, the differences, and the parts that were not compared."""
-        from benchmarks.report.numbers import number
+        from benchmarks.report.tables import number
 
         table = Table("block", "method", "measure", "A", "B", "change", "")
         looks = {"better": "green", "worse": "red", "the machine": "yellow"}

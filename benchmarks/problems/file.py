@@ -8,8 +8,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from benchmarks.problems._reference import REFERENCE_RESTARTS, searched
-from benchmarks.problems.base import ProblemSet, check_starts, named, start_configurations, start_of, stream
+from benchmarks.problems.base import (
+    REFERENCE_RESTARTS,
+    ProblemSet,
+    check_starts,
+    named,
+    searched,
+    start_configurations,
+    start_of,
+    stream,
+)
 from benchmarks.problems.tables import Poses, read_poses
 from optik.arm.robot import Robot
 from optik.types import Array

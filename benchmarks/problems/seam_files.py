@@ -19,7 +19,7 @@ from optik.arm.robot import Robot
 from optik.errors import InvalidInput
 from optik.file_io import check_suffix, decode_text, parse_yaml, read_bytes
 from optik.scene import Scene
-from optik.scene.messages import read_fields
+from optik.scene.files import read_fields
 from optik.se3 import check_pose
 from optik.tables import read_number
 from optik.types import Array

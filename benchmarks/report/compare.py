@@ -15,7 +15,7 @@ from benchmarks.blocks.block import Block
 from benchmarks.provenance import REFERENCE_LOOPS
 from benchmarks.records import slug
 from benchmarks.report.base import Run
-from benchmarks.report.numbers import quoted
+from benchmarks.report.tables import quoted
 from benchmarks.statistics import holm, mcnemar, ratio_interval, signed_rank, wilson
 from optik.errors import InvalidInput
 from optik.plugins.files import forbid_code

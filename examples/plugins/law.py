@@ -10,7 +10,7 @@ from scipy.interpolate import BPoly, CubicSpline, PPoly
 
 from planners import TimeLaw
 from planners.limits import DERIVATIVES
-from planners.motion.fit import fit_to_limits
+from planners.motion.motion import fit_to_limits
 from planners.timing.base import refit
 
 

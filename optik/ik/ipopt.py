@@ -8,8 +8,16 @@ import casadi as ca
 
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
-from optik.ik._casadi.programme import IkAnswer, IkProblem, ProgrammeSolver, first_line
-from optik.ik._casadi.symbolic import Model, cost, cost_derivatives, error_components
+from optik.ik._casadi import (
+    IkAnswer,
+    IkProblem,
+    Model,
+    ProgrammeSolver,
+    cost,
+    cost_derivatives,
+    error_components,
+    first_line,
+)
 from optik.ik.base import IKStatus
 
 _RETURN_CODES = {

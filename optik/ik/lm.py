@@ -16,8 +16,8 @@ from optik.arm.robot import Robot
 from optik.check import check_flag, check_number
 from optik.errors import InvalidInput, RobotModelError
 from optik.ik._lm import kernels
-from optik.ik._lm.packing import AT_ATTEMPTS, AT_BEST, AT_BEST_E, AT_FIRST, AT_ITERATIONS, MOST_JOINTS, pack
-from optik.ik._lm.partial_pose import attempt_task
+from optik.ik._lm.lanes import AT_ATTEMPTS, AT_BEST, AT_BEST_E, AT_FIRST, AT_ITERATIONS, MOST_JOINTS, pack
+from optik.ik._lm.search import attempt_task
 from optik.ik._null_space import Preference
 from optik.ik.base import Attempt, IKBatch, IKResult, IKSolver, IKStatus
 from optik.ik.problem import MAX_ITERATIONS, SOLVED, STALLED, STATUS_OF_CODE, TOO_FEW_JOINTS, check_start

@@ -7,8 +7,7 @@ from typing import Any, ClassVar
 import casadi as ca
 
 from optik.arm.robot import Robot
-from optik.ik._casadi.programme import IkAnswer, ProgrammeSolver
-from optik.ik._casadi.symbolic import Model, cost_derivatives
+from optik.ik._casadi import IkAnswer, Model, ProgrammeSolver, cost_derivatives
 from optik.ik.base import IKStatus
 
 _QUIET = {"print_time": False, "print_header": False, "print_iteration": False, "print_status": False}

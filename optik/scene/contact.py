@@ -14,8 +14,7 @@ from numpy.typing import ArrayLike
 from optik import kinematics
 from optik.arm.shapes.check import Capsules
 from optik.arm.shapes.enclosure import CORNERS, Hull
-from optik.arm.shapes.hull_distance import Hulls, nearest_hulls
-from optik.arm.shapes.hulls import enclose_disc, list_balls, list_hulls, pack_hulls
+from optik.arm.shapes.hulls import Hulls, enclose_disc, list_balls, list_hulls, nearest_hulls, pack_hulls
 from optik.arm.shapes.model import PAYLOAD
 from optik.compiled import compiled, inlined
 from optik.errors import InvalidInput
@@ -26,10 +25,10 @@ from optik.scene.distance import (
     NearestPoint,
     segment_box,
     segment_cylinder,
+    segment_mesh,
     segment_plane,
     segment_segment,
 )
-from optik.scene.mesh import segment_mesh
 from optik.types import Array, Indices
 
 if TYPE_CHECKING:

@@ -16,10 +16,10 @@ from optik.check import format_count, format_ratio, real_array
 from optik.errors import InvalidInput, InvalidMotion
 from optik.ik.base import Tolerance
 from optik.types import Array
-from planners.certificate.analysis import MotionAnalysis
-from planners.certificate.checks import (
+from planners.certificate.analysis import (
     Coverage,
     Jump,
+    MotionAnalysis,
     find_continuity_violations,
     find_position_violations,
     sampled_jerk,

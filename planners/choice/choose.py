@@ -14,8 +14,8 @@ from optik.errors import InvalidInput
 from optik.types import Array, Flags
 from planners.certificate.certificate import Certificate
 from planners.choice.programme import FreeProgramme, Statics, ToolCoordinates, is_known
+from planners.choice.rows import ViaLimits, pass_through
 from planners.choice.solve import LEAST_P_DAMPING, FreeSolution, solve
-from planners.choice.vias import ViaLimits, pass_through
 from planners.following.joint_path import JointPath
 from planners.following.resolve.freedoms import FreeWay
 from planners.paths.base import Path

@@ -19,8 +19,7 @@ from planners.limits.motion_limits import tool_limits_at
 from planners.paths.base import Path
 from planners.paths.control_curve import DEGREE, Basis
 from planners.paths.screws import move_along
-from planners.timing.interior_point.border import Border, make_border
-from planners.timing.interior_point.newton import Problem
+from planners.timing.interior_point.newton import Border, Problem, make_border
 from planners.timing.interior_point.programme import SHORTEST_INTERVAL, TimingProblem
 
 SPEED_PEAK = 1.0 / 3.0

@@ -17,8 +17,7 @@ from optik.errors import NoSolution
 from optik.ik import IKResult, IKSolver, IKStatus, Tolerance
 from optik.types import Array
 from planners.following import march
-from planners.following.singular import smallest_singular_value
-from planners.following.track import TrackEnd
+from planners.following.track import TrackEnd, smallest_singular_value
 from planners.paths.base import Path
 
 CLEARLY_REGULAR = 1e-2

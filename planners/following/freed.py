@@ -16,7 +16,7 @@ from optik.arm.robot import Robot
 from optik.ik import Tolerance
 from optik.types import Array
 from planners.following.failure import RANK_DRAWS, ZERO_FRACTION, FollowStatus, PlanFailure, find_rank, format_position
-from planners.following.resolve.extend import add_joints
+from planners.following.resolve.freedoms import add_joints
 from planners.paths.base import Path
 from planners.paths.points import PointsOf
 

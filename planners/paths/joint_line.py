@@ -16,7 +16,7 @@ from optik.ik import solve_ik
 from optik.ik.problem import check_start
 from optik.types import Array
 from planners.paths.base import Path, check_arm, check_recorded, check_robot, fields
-from planners.paths.joint_bounds import tool_bounds, tool_twists
+from planners.paths.joint_curve import tool_bounds, tool_twists
 from planners.trajectory.curve import Curve
 
 BOUND_SAMPLES = 32

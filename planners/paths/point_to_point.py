@@ -25,7 +25,7 @@ from optik.types import Array, Flags
 from planners.paths.base import PiecewisePath, check_arm, check_recorded, check_robot, fields
 from planners.paths.configurations import MISSED, choose_configurations
 from planners.paths.control_curve import SPAN_SAMPLES, ControlCurve, read_breaks
-from planners.paths.joint_bounds import tool_bounds, tool_twists
+from planners.paths.joint_curve import tool_bounds, tool_twists
 from planners.paths.waypoints import LEAST_VIA_TOLERANCE, read_joint_waypoints
 
 SPANS_DIRECT, SPANS_PER_LEG = 4, (3, 6)

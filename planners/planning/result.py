@@ -24,11 +24,10 @@ from planners.files import save
 from planners.following.follow import JointPath, PlanFailure
 from planners.following.resolve import Resolution
 from planners.limits import MotionLimits
-from planners.limits.least_duration import compute_least_duration
+from planners.limits.motion_limits import compute_least_duration
 from planners.motion import Motion, PlanStatus
-from planners.motion.event import Event, events_to_plain
-from planners.motion.plot import motion_card, plot_motion
-from planners.motion.show import show_motion
+from planners.motion.motion import Event, events_to_plain
+from planners.motion.show import motion_card, plot_motion, show_motion
 from planners.paths.base import Path
 from planners.ros.export import RosExport
 from planners.timing.base import StopKind, speed_bound

@@ -39,8 +39,7 @@ from optik.arm.robot import Robot
 from optik.check import check_flag, check_number, locate_error
 from optik.errors import InvalidInput, OptikError
 from optik.file_io import decode_text, parse_toml, read_bytes
-from optik.plugins.files import is_path
-from optik.plugins.options import find_nearest_name
+from optik.plugins.files import find_nearest_name, is_path
 from optik.tables import read_table
 from optik.types import Array
 from planners.paths.arc import Arc

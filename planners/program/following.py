@@ -15,9 +15,8 @@ from optik.ik import SolverLike, Tolerance, get_solver
 from optik.ik.problem import check_start
 from optik.scene import Scene
 from optik.types import Array
-from planners.certificate.sections import Conditions, conditions_for
-from planners.following.branches import find_branches
-from planners.following.collision import CollisionCheck
+from planners.certificate.certification import Conditions, conditions_for
+from planners.following.branches import CollisionCheck, find_branches
 from planners.following.failure import PlanFailure
 from planners.following.follow import FollowResult, follow
 from planners.following.joint_path import JointPath, cut_joints

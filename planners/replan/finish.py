@@ -17,9 +17,9 @@ from optik.dynamics import torques_batch
 from optik.errors import InvalidInput, NoSolution
 from optik.types import Array
 from planners.certificate.analysis import MotionAnalysis
-from planners.planning.request import judge_certificate
+from planners.planning.planner import judge_certificate
 from planners.planning.result import Plan
-from planners.program.result import ProgramPlan, build_plan
+from planners.program.planner import ProgramPlan, build_plan
 from planners.replan.answer import replan
 from planners.replan.state import s_at
 from planners.trajectory import Trajectory

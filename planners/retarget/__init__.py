@@ -1,8 +1,7 @@
 """Motions from a moving state onto chunks, joints, velocities or another plan, and streams of set-points."""
 
 from planners.retarget.answer import retarget
-from planners.retarget.chunk import Chunk
-from planners.retarget.jog import JogVelocity
+from planners.retarget.chunk import Chunk, JogVelocity
 from planners.retarget.result import Retargeted, RetargetStatus
 from planners.retarget.stream import Setpoint, Stream, StreamReport, stream
 

@@ -14,7 +14,7 @@ from planners.motion.motion import Motion, get_motion
 from planners.planning.result import Plan
 from planners.retarget.engine import Retargeter
 from planners.retarget.result import Retargeted
-from planners.retarget.start import begin
+from planners.retarget.stream import begin
 
 
 def retarget(

@@ -21,16 +21,31 @@ from optik.types import Array
 from planners.limits import DERIVATIVES, MotionLimits, PathPoints, kind_of, symmetric_bound
 from planners.limits.base import sides
 from planners.paths.goal import find_continuous, unwind
-from planners.retarget.certificate import StreamCertificate, certify_joined, other_limits, trajectory_of
-from planners.retarget.chunk import Chunk, read_targets, refuse_targets
-from planners.retarget.cubics import BRIEF_REST, JointCubics
-from planners.retarget.jog import Jog
-from planners.retarget.pace import APART, LEAST_PACE, OTHER_PART, PLACES, joint_rows, smooth_pace, sweep
-from planners.retarget.poses import resolve_poses
-from planners.retarget.reference import MOST_SPANS, find_scatter, fit_reference, sample_reference
-from planners.retarget.result import Reference, Retargeted, RetargetStatus, state_of
-from planners.retarget.tracking import SPARE, track
-from planners.retarget.transfer import Transfer, build
+from planners.retarget.chunk import Chunk, Jog, read_targets, refuse_targets, resolve_poses
+from planners.retarget.motion import (
+    APART,
+    BRIEF_REST,
+    LEAST_PACE,
+    OTHER_PART,
+    PLACES,
+    JointCubics,
+    Transfer,
+    build,
+    joint_rows,
+    smooth_pace,
+    sweep,
+)
+from planners.retarget.reference import MOST_SPANS, SPARE, find_scatter, fit_reference, sample_reference, track
+from planners.retarget.result import (
+    Reference,
+    Retargeted,
+    RetargetStatus,
+    StreamCertificate,
+    certify_joined,
+    other_limits,
+    state_of,
+    trajectory_of,
+)
 from planners.trajectory import Trajectory, cut_before, make_rest, map_joints
 
 SLOWER = (1.0, 0.8, 0.64, 0.64, 0.64)

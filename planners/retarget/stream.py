@@ -1,4 +1,4 @@
-"""stream(): set-points at a fixed rate, which join the targets of a source as they come, and end at rest without them."""
+"""stream(): set-points at a fixed rate from a running motion, which join targets as they come, and end at rest without them."""
 
 from __future__ import annotations
 
@@ -11,21 +11,56 @@ from math import ceil
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
 
 from optik.arm.robot import Robot
-from optik.check import check_flag, check_number
+from optik.check import check_flag, check_number, format_value, real_array
 from optik.errors import InvalidInput, NoSolution
 from optik.scene import Scene
 from optik.types import Array
 from planners.limits import MotionLimits
 from planners.motion.motion import HasMotion
-from planners.retarget.chunk import Chunk
-from planners.retarget.engine import SCATTERS, Retargeter
-from planners.retarget.jog import Jog
+from planners.retarget.chunk import Chunk, Jog
+from planners.retarget.engine import SCATTERS, Retargeter, clip_joints
+from planners.retarget.motion import BRIEF_REST
 from planners.retarget.result import Retargeted, RetargetStatus, state_of
-from planners.retarget.start import begin
-from planners.trajectory import Trajectory
+from planners.trajectory import Trajectory, join, make_rest
+
+# ---------------- running motions of an arm
+
+
+AT_REST = 1e-9
+"""Largest velocity of a joint at the end of a motion that ends at rest [rad/s, m/s]."""
+
+
+def begin(engine: Retargeter, start: Any, argument: str) -> Trajectory:
+    """Return a running motion that ends at rest; a moving state or end is continued by a stop."""
+    robot, n = engine.robot, engine.robot.n
+    curve = start if isinstance(start, Trajectory) else getattr(start, "trajectory", None)
+    expected = f"a motion of {n} joints, {n} finite joint values, or a state (q, q̇, q̈) of shape (3, {n})"
+    if curve is not None:
+        X = np.array([curve(curve.end, order) for order in range(3)])
+        rests = np.abs(X[1]).max() <= AT_REST
+    else:
+        X = real_array(start, argument, expected)
+        X = np.stack([X, *np.zeros((2, X.size))]) if X.ndim == 1 else X
+        rests = not X[1:].any()
+    if X.shape != (3, n) or not np.isfinite(X).all():
+        raise InvalidInput(argument, format_value(start, 60), expected)
+    if curve is None:
+        X = np.stack([clip_joints(robot, X[0], argument), *X[1:]])
+    if rests:
+        return curve or make_rest(X[0], 3.0 * BRIEF_REST)
+    moving = scipy.interpolate.PPoly((X / [[1.0], [1.0], [2.0]])[::-1, None], np.array([0.0, BRIEF_REST]))
+    stop = engine.run(Trajectory(moving), 0.0, Jog(np.zeros(n), 0.0))
+    if not stop:
+        raise InvalidInput(argument, f"a moving state: {stop.reason}", "a state that can be stopped within the limits")
+    return stop.trajectory if curve is None else join(curve, stop.trajectory)
+
+
+# ---------------- stream()
+
 
 BUDGET = 0.004
 """Default time from the arrival of a target to the start of its motion [s]."""

@@ -13,11 +13,11 @@ from optik.arm.motors import Motors
 from optik.arm.plain import read_list
 from optik.errors import InvalidInput
 from optik.file_io import parse_json, parse_yaml
-from optik.scene.messages import NANOSECONDS, read_floats, read_time
+from optik.scene.files import NANOSECONDS, read_floats, read_time
 from optik.types import Array
 from planners.ros.replies import write_time
 from planners.trajectory import Trajectory
-from planners.trajectory.controller import count_derivatives, sample_states, trajectory_through
+from planners.trajectory.trajectory import count_derivatives, sample_states, trajectory_through
 
 Times = NDArray[np.int64]
 POINT_FIELDS = ("positions", "velocities", "accelerations")

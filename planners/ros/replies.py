@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from optik.errors import InvalidInput
-from optik.scene.messages import NANOSECONDS, read_fields, read_time
+from optik.scene.files import NANOSECONDS, read_fields, read_time
 from optik.types import Array
 
 ACTION = "/joint_trajectory_controller/follow_joint_trajectory"

@@ -16,7 +16,7 @@ from optik.types import Array
 from planners.certificate.analysis import MotionAnalysis
 from planners.following.joint_path import JointPath
 from planners.limits import MotionLimits
-from planners.motion.fit import fit
+from planners.motion.motion import fit
 from planners.timing.base import refit
 from planners.trajectory import Trajectory
 from planners.trajectory.curve import quintic_through

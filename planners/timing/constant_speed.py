@@ -14,8 +14,8 @@ from optik.types import Array, Flags, Indices
 from planners.certificate.analysis import MotionAnalysis
 from planners.following.follow import JointPath
 from planners.limits import ALL_LIMITS, MotionLimits, PathPoints
-from planners.motion.fit import fit, stretch_factor
-from planners.timing._sectional.ramps import (
+from planners.motion.motion import fit, stretch_factor
+from planners.timing._sectional import (
     LEAST_FLAT,
     SHORTEST_PHASE,
     Ramp,

@@ -15,7 +15,7 @@ from optik.types import Array
 from planners.certificate.analysis import MotionAnalysis
 from planners.following.follow import JointPath
 from planners.limits import ALL_LIMITS, DERIVATIVES, MotionLimits, kind_of, tool_limits_between
-from planners.motion.fit import FIRST_MARGIN, fit, fit_to_limits, is_within, match_start
+from planners.motion.motion import FIRST_MARGIN, fit, fit_to_limits, is_within, match_start
 from planners.timing._quiet import plan_quiet
 from planners.timing.base import QUIET, PathState, TimeLaw
 from planners.timing.interior_point import iteration

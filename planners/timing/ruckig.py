@@ -12,9 +12,8 @@ from optik.types import Array
 from planners.certificate.analysis import MotionAnalysis
 from planners.following.follow import JointPath
 from planners.limits import ALL_LIMITS, MotionLimits
-from planners.motion.fit import fit
-from planners.timing._sectional.ramps import Ramp, constant_limits, law_of, make_table, phases_of, profile
-from planners.timing._sectional.sections import find_sections
+from planners.motion.motion import fit
+from planners.timing._sectional import Ramp, constant_limits, find_sections, law_of, make_table, phases_of, profile
 from planners.timing.base import TimeLaw, refit
 from planners.timing.smooth import least_duration
 

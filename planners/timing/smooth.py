@@ -13,7 +13,7 @@ from optik.types import Array
 from planners.certificate.analysis import MotionAnalysis
 from planners.following.follow import JointPath
 from planners.limits import ALL_LIMITS, MotionLimits, PathPoints
-from planners.motion.fit import fit
+from planners.motion.motion import fit
 from planners.timing.base import TimeLaw, find_moving, refit, refuse_free_motion
 from planners.trajectory.curve import find_times
 

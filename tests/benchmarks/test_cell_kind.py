@@ -17,11 +17,20 @@ import pytest
 
 import optik
 from benchmarks.blocks.base import Session, load_kind
-from benchmarks.blocks.cell.settings import CellBlock, Noise
-from benchmarks.blocks.cell.spots import Spots, SpotTrials, answers_along, errors_of, plan_through
-from benchmarks.blocks.cell.trials import facts_of, plant_of, trial_of
+from benchmarks.blocks.cell import (
+    CellBlock,
+    Noise,
+    Spots,
+    SpotTrials,
+    answers_along,
+    errors_of,
+    facts_of,
+    plan_through,
+    plant_of,
+    trial_of,
+)
 from benchmarks.experiments.base import FAILS, HOLDS, PARTLY, UNTESTED
-from benchmarks.experiments.executed import executed_claims, needed_budgets
+from benchmarks.experiments.claims import executed_claims, needed_budgets
 from benchmarks.records import RunFolder
 from benchmarks.report.base import Run, load_report
 from benchmarks.report.page import write_report
@@ -29,7 +38,7 @@ from benchmarks.run import run_suite
 from benchmarks.suite import Suite, suite_of
 from optik.errors import InvalidInput, UnknownName
 from optik.ik import make_solver
-from planners.cell.error_split import ErrorSplit
+from planners.cell.outcome import ErrorSplit
 from planners.paths.line import Line
 
 START = [20, -35, 40, 25, 50, -30]

@@ -17,8 +17,8 @@ from typer.main import get_command
 import optik
 import planners
 from benchmarks.cli.app import app
+from benchmarks.cli.command import translate
 from benchmarks.cli.runs import FEWEST_PARTS, make_progress, update_progress
-from benchmarks.cli.words import translate
 from optik.arm.library import read_home, robot_from_toml
 from optik.arm.model import unit_factors
 from optik.errors import InvalidInput

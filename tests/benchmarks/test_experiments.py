@@ -11,9 +11,7 @@ import polars as pl
 import pytest
 
 from benchmarks.experiments.base import FAILS, HOLDS, PARTLY, UNTESTED
-from benchmarks.experiments.claims import CLAIMS, judge
-from benchmarks.experiments.motion import on_the_line, smooth_joints
-from benchmarks.experiments.sweeps import damping_trade, start_and_step
+from benchmarks.experiments.claims import CLAIMS, damping_trade, judge, on_the_line, smooth_joints, start_and_step
 from benchmarks.experiments.workspace import fit, linear_error, more_iterations, within_two_millimetres
 from benchmarks.records import RunFolder
 from benchmarks.report import write_report

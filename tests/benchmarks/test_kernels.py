@@ -14,8 +14,7 @@ from numba.core.registry import cpu_target
 from benchmarks.cli.installation import KernelsCommand
 from benchmarks.kernels import build, parts
 from optik.compiled import archive, compiled
-from optik.compiled.cache import read_code
-from optik.compiled.fingerprint import VERSIONS
+from optik.compiled.cache import VERSIONS, read_code
 from optik.errors import InvalidInput, OutputError
 from optik.file_io import locked
 from optik.linear import cholesky_solve, copy_matrix, copy_vector

@@ -16,11 +16,11 @@ import pytest
 from scipy.optimize import least_squares
 
 import optik
-from benchmarks.problems._reference import known_solutions
 from benchmarks.problems.base import (
     SETS,
     START_KINDS,
     ProblemSet,
+    known_solutions,
     put_at_zero,
     put_on_limits,
     singular,

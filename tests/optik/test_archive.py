@@ -13,8 +13,7 @@ import pytest
 from numba.core.registry import cpu_target
 
 from optik.compiled import archive, compiled
-from optik.compiled.cache import read_code
-from optik.compiled.fingerprint import VERSIONS
+from optik.compiled.cache import VERSIONS, read_code
 from tests.optik.test_compile import INNER, REPOSITORY, write_two
 
 HERE = archive.CompileTarget(*cpu_target.target_context.codegen().magic_tuple())

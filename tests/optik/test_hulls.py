@@ -13,8 +13,7 @@ from scipy.optimize import nnls
 import optik
 from optik import Scene, se3
 from optik.arm.shapes.enclosure import CORNERS, FACES, Hull
-from optik.arm.shapes.hull_distance import nearest_hulls
-from optik.arm.shapes.hulls import enclose_body, list_hulls, pack_hulls, round_hull
+from optik.arm.shapes.hulls import enclose_body, list_hulls, nearest_hulls, pack_hulls, round_hull
 from optik.errors import EnclosureWarning, InvalidInput
 from optik.scene.contact import advise_contact, find_contact, find_nearest_pairs
 from optik.types import Array

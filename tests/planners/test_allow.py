@@ -26,9 +26,9 @@ from planners import (
     save,
     to_ros,
 )
+from planners.cell.drives.base import fit_periods
 from planners.cell.drives.ideal import IdealDrive
-from planners.cell.drives.setpoints import fit_periods
-from planners.cell.stored import restore_plan
+from planners.cell.show import restore_plan
 from planners.certificate.clearance import Clearance, Closest
 from planners.certificate.path_error import PathError
 from planners.certificate.violation import ALLOWANCES

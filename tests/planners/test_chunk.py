@@ -14,8 +14,7 @@ from optik import Robot
 from optik.errors import InvalidInput
 from planners import Chunk, MotionLimits, Retargeted, retarget
 from planners.retarget.chunk import read_targets
-from planners.retarget.reference import find_scatter
-from planners.retarget.tracking import track
+from planners.retarget.reference import find_scatter, track
 from tests.seeds import shift_seed
 
 engine = importlib.import_module("planners.retarget.engine")  # its folder is hidden by the function

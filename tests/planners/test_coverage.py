@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from optik.errors import InvalidInput
 from optik.ik import Tolerance
 from planners import Arc, Certificate, JointLine, Line, MotionLimits, Trajectory, certify, plan
-from planners.certificate.checks import COVERED, Coverage, length_between
+from planners.certificate.analysis import COVERED, Coverage, length_between
 from planners.trajectory.curve import quintic_through
 from tests import oracles
 from tests.planners.cases import START, default_line, paper6r

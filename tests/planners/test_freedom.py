@@ -35,7 +35,7 @@ from planners import (
     plan,
 )
 from planners.choice.choose import Choice, pick_plan
-from planners.choice.orientations import OFFSETS, _list_turns
+from planners.choice.first_paths import OFFSETS, _list_turns
 from planners.choice.solve import _Box, _Iteration, solve
 from planners.choice.torques import torque_changes
 from planners.paths.control_curve import ControlBounds

@@ -15,8 +15,8 @@ from optik.scene.contact import PLANE, SELF, bodies_of, find_contact, refine
 from optik.types import Array
 from planners import Trajectory
 from planners.certificate.clearance import clearance
-from planners.choice.clearances import NearPairs, pair_rooms
-from planners.search._edges import find_blocked, find_unproved, make_body, make_work
+from planners.choice.rows import NearPairs, pair_rooms
+from planners.search._trees import find_blocked, find_unproved, make_body, make_work
 from planners.trajectory.curve import quintic_through
 from tests.optik.test_hulls import OBSTACLES, load
 

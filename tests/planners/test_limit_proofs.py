@@ -15,7 +15,7 @@ import optik
 from optik.arm.limits import VelocityByPosition
 from optik.types import Array
 from planners import AccelerationByVelocity, Grip, MotionLimits, OpenContainer, Suction, Tray
-from planners.certificate import peak
+from planners.certificate import bounds
 from planners.certificate.analysis import MotionAnalysis
 from planners.limits import kind_of
 from planners.limits._bernstein import ROUNDING, multiply, on_pieces, proves_above
@@ -54,8 +54,8 @@ class Whole(MotionAnalysis):
             return np.asarray(enclose(first, last, h, self.remainder * B, self.remainder * P, self.remainder * D))
 
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(peak, "PEAK_INTERVALS", 0)
-            return peak.prove_peaks(self.bounds, evaluate, bound, excess, count)
+            patch.setattr(bounds, "PEAK_INTERVALS", 0)
+            return bounds.prove_peaks(self.bounds, evaluate, bound, excess, count)
 
 
 class Bare(Whole):

@@ -28,7 +28,7 @@ from planners.limits import (
 )
 from planners.limits.inputs import LimitedMotion
 from planners.limits.record import RecordLimit
-from planners.motion.fit import fit_to_limits, stretch_factor
+from planners.motion.motion import fit_to_limits, stretch_factor
 from tests.oracles import REPOSITORY
 from tests.outside import everything
 from tests.planners.cases import START, default_joint_path, default_line, paper6r

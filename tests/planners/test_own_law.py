@@ -13,7 +13,7 @@ from optik.errors import InvalidInput, NoSolution
 from planners import MotionLimits, TimeLaw, Trajectory
 from planners.certificate.analysis import MotionAnalysis
 from planners.following.joint_path import JointPath
-from planners.motion.fit import fit_to_limits, stretch_factor
+from planners.motion.motion import fit_to_limits, stretch_factor
 from planners.timing.quintic import Quintic
 from planners.timing.toppra import Toppra
 from tests.planners.cases import START, default_joint_path, paper6r

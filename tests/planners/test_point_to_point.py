@@ -13,8 +13,8 @@ from optik.errors import InvalidInput, NoSolution
 from optik.types import Array
 from planners import JointLine, MotionLimits, Plan, PointToPoint, ViaPoint, plan
 from planners.choice.choose import JointChoice
-from planners.choice.vias import pass_through
-from planners.paths.joint_bounds import reach_bounds
+from planners.choice.rows import pass_through
+from planners.paths.joint_curve import reach_bounds
 from planners.timing.optimal import Optimal
 from tests import oracles
 from tests.seeds import shift_seed

@@ -32,9 +32,8 @@ from planners import (
 )
 from planners.motion.show import show_motion
 from planners.paths.joint_curve import JointCurve
-from planners.program.corners import ON_CURVE, _round, place_nodes
 from planners.program.following import fade_out
-from planners.program.joining import sharpen
+from planners.program.joining import ON_CURVE, _round, place_nodes, sharpen
 
 ROBOT = optik.load("ur5e")
 START = np.array([0.0, -1.57, 1.57, -1.57, -1.57, 0.0])

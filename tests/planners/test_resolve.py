@@ -13,12 +13,11 @@ from optik import Robot, Scene
 from optik.errors import InvalidInput
 from optik.types import Array
 from planners import Line, MotionLimits, Part, PlanStatus, Polyline, Program, ProgramPlan, follow, free, plan
-from planners.following.collision import CollisionCheck
+from planners.following.branches import CollisionCheck
 from planners.following.failure import ASKED, FollowStatus, PlanFailure
 from planners.following.resolve import Resolution, resolve
-from planners.following.resolve.extend import columns_of, extend
-from planners.following.resolve.graph import Graph, find_edges, join
-from planners.following.resolve.nodes import Layer, Sampler
+from planners.following.resolve.freedoms import columns_of, extend
+from planners.following.resolve.graph import Graph, Layer, Sampler, find_edges, join
 from planners.freedom.base import Freedom
 from planners.motion.show import show_motion
 from planners.paths.base import Path

@@ -16,13 +16,11 @@ import planners
 from optik.errors import InvalidInput
 from planners import Chunk, JogVelocity, MotionLimits, RetargetStatus, retarget, stream
 from planners.limits.base import sides
-from planners.retarget.certificate import certify_joined
 from planners.retarget.chunk import load_chunks
-from planners.retarget.cubics import JointCubics, integrate
 from planners.retarget.interior import MOST_STEPS, make_factors, make_rows, make_stencils, minimise
-from planners.retarget.pace import joint_rows, sweep
-from planners.retarget.reference import evaluate_reference, fit_reference, sample_reference
-from planners.retarget.tracking import make_objective
+from planners.retarget.motion import JointCubics, integrate, joint_rows, sweep
+from planners.retarget.reference import evaluate_reference, fit_reference, make_objective, sample_reference
+from planners.retarget.result import certify_joined
 from tests.oracles import PinocchioDynamics
 from tests.seeds import shift_seed
 

@@ -21,9 +21,9 @@ import optik
 import planners
 from benchmarks.cli.app import app
 from optik.errors import InvalidInput, MissingDependency, NoSolution, OptikError
-from planners.cell.drives._ros_goals import make_message, make_stops
+from planners.cell.drives._ros_run import make_message, make_stops
 from planners.cell.drives.ros import RosDrive
-from planners.cell.stored import restore_plan
+from planners.cell.show import restore_plan
 from planners.ros.rclpy import RclpyTransport
 from planners.ros.rosbridge import Fragments, RosbridgeTransport
 from tests.planners.invalid import invalid

@@ -15,7 +15,7 @@ from planners import MotionLimits, Polyline, Trajectory, certify, load_motion, p
 from planners.certificate.analysis import MotionAnalysis
 from planners.following.joint_path import JointPath
 from planners.limits import PathPoints, find_tool_limit_changes, tool_limits_at
-from planners.motion.fit import stretch_factor
+from planners.motion.motion import stretch_factor
 from planners.trajectory.curve import apply_chain_rule, quintic_through
 from tests.planners.cases import START, default_line, paper6r
 

@@ -7,11 +7,18 @@ import pytest
 from scipy.interpolate import BSpline
 
 from planners import MotionLimits
-from planners.retarget.cubics import JointCubics
 from planners.retarget.interior import _add_transposed, make_factors, make_stencils
-from planners.retarget.pace import ACCELERATION_PART, VELOCITY_PART, joint_rows, smooth_pace, sweep
-from planners.retarget.tracking import CUT, _list_instants, make_objective, track
-from planners.retarget.transfer import Transfer, join
+from planners.retarget.motion import (
+    ACCELERATION_PART,
+    VELOCITY_PART,
+    JointCubics,
+    Transfer,
+    join,
+    joint_rows,
+    smooth_pace,
+    sweep,
+)
+from planners.retarget.reference import CUT, _list_instants, make_objective, track
 from planners.trajectory import Trajectory
 from planners.trajectory.curve import quintic_through
 from tests.planners.test_stream_certificate import bare, certify

@@ -16,7 +16,7 @@ from planners.certificate.bounds import MotionBounds
 from planners.following.joint_path import JointPath
 from planners.limits import DERIVATIVES, PathPoints, kind_of
 from planners.limits.kinds import torque_rows
-from planners.motion.fit import static_torque
+from planners.motion.motion import static_torque
 from planners.timing.smooth import Smooth
 from planners.trajectory.curve import apply_chain_rule
 from tests.planners.cases import START, default_line, paper6r

@@ -13,10 +13,9 @@ import optik
 import planners
 from planners import Chunk, MotionLimits, Retargeted, Trajectory, retarget, stream
 from planners.limits._combination import Combination
-from planners.retarget.certificate import certify_joined
-from planners.retarget.cubics import JointCubics
-from planners.retarget.pace import joint_rows
-from planners.retarget.tracking import SPARE, _stop
+from planners.retarget.motion import JointCubics, joint_rows
+from planners.retarget.reference import SPARE, _stop
+from planners.retarget.result import certify_joined
 from planners.trajectory import make_rest
 from tests.optik.test_motors import MATRICES
 from tests.planners.test_coupled_motors import arm, motor_torques, planned

@@ -9,17 +9,16 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from benchmarks.blocks.arms import JOINT_LIMITS
 from benchmarks.blocks.base import NUMBER, TEXT, TRUTH, WHOLE, Field, fields_of
-from benchmarks.blocks.columns import Column, largest, mean, median, quantile
+from benchmarks.blocks.block import Column, largest, mean, median, quantile
+from benchmarks.blocks.entries import JOINT_LIMITS
 from optik import se3
 from optik.arm.limits import LIMIT_TOLERANCE
 from optik.arm.robot import Robot
-from planners.certificate.analysis import MotionAnalysis
+from planners.certificate.analysis import MotionAnalysis, steps
 from planners.certificate.certificate import Certificate
-from planners.certificate.checks import steps
 from planners.limits import ALL_LIMITS, DERIVATIVES, MotionLimits
-from planners.motion.fit import stretch_factor
+from planners.motion.motion import stretch_factor
 from planners.paths.base import Path
 from planners.trajectory import Trajectory
 

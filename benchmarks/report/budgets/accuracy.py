@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 import polars as pl
 
+from benchmarks.blocks.block import quantile, share
 from benchmarks.blocks.budgets import SUCCESS_LEVELS, BudgetRows, succeeded, success
-from benchmarks.blocks.columns import quantile, share
 from benchmarks.report.base import Run
-from benchmarks.report.boards import Board, Control
-from benchmarks.report.budgets.default import COMPARED_PROBLEMS, budget_axis, compared_rows, comparisons
-from benchmarks.report.figures import (
+from benchmarks.report.boards import (
     INK_COLOUR,
+    Board,
+    Control,
     Json,
     add,
     entry,
@@ -26,8 +26,8 @@ from benchmarks.report.figures import (
     percent_axis,
     shades,
 )
-from benchmarks.report.numbers import listed, number, percent
-from benchmarks.report.tables import Column, Table, table_of
+from benchmarks.report.budgets.default import COMPARED_PROBLEMS, budget_axis, compared_rows, comparisons
+from benchmarks.report.tables import Column, Table, listed, number, percent, table_of
 from benchmarks.statistics import binned, quantiles
 
 if TYPE_CHECKING:

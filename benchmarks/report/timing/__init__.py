@@ -9,18 +9,36 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from benchmarks.blocks.arms import JOINT_LIMITS
 from benchmarks.blocks.base import BlockRows
+from benchmarks.blocks.entries import JOINT_LIMITS
 from benchmarks.blocks.timing.rows import in_group
 from benchmarks.blocks.timing.settings import GIVEN_LINE, LINE_KINDS, LawBlock, LimitSet
 from benchmarks.report.base import KindReport, Run, Section, Winner
-from benchmarks.report.numbers import listed, number, percent, quoted
+from benchmarks.report.page import ranked
+from benchmarks.report.tables import listed, number, percent, quoted
 from benchmarks.report.timing.joints import motion
-from benchmarks.report.timing.line import broken_limits, detailed, ik_matters, law_table, limits_of, solved_of
-from benchmarks.report.timing.plots import against_singularity, durations, example_boards, torques
-from benchmarks.report.timing.space import clearance, line_in_space
-from benchmarks.report.timing.tables import all_tables, compared, law_tables, or_infinite, plan_times, violations
-from benchmarks.report.winners import ranked
+from benchmarks.report.timing.line import (
+    broken_limits,
+    clearance,
+    detailed,
+    ik_matters,
+    law_table,
+    limits_of,
+    line_in_space,
+    solved_of,
+)
+from benchmarks.report.timing.tables import (
+    against_singularity,
+    all_tables,
+    compared,
+    durations,
+    example_boards,
+    law_tables,
+    or_infinite,
+    plan_times,
+    torques,
+    violations,
+)
 from benchmarks.statistics import median_interval, not_longer
 from optik.registry import short_name
 from optik.types import Array

@@ -10,6 +10,12 @@ import numpy as np
 from optik.arm.limits import LIMIT_TOLERANCE as SLACK
 from optik.compiled import compiled, inlined, parallel
 from optik.ik._lm.lanes import (
+    AT_BASE_P,
+    AT_BASE_R,
+    AT_FIRST,
+    AT_LOWER,
+    AT_TOOL_R,
+    AT_UPPER,
     ATTEMPT,
     BEGINS,
     BEST_E,
@@ -29,11 +35,10 @@ from optik.ik._lm.lanes import (
     correct_half_turn,
     e,
     errors,
+    stack,
     steps,
 )  # fmt: skip
-from optik.ik._lm.packing import AT_BASE_P, AT_BASE_R, AT_FIRST, AT_LOWER, AT_TOOL_R, AT_UPPER
 from optik.ik._lm.search import MEASURE, STEP, advance, flag_lanes, place_lane
-from optik.ik._lm.stack import stack
 from optik.se3 import is_pose
 from optik.types import Array
 

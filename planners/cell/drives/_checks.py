@@ -11,8 +11,7 @@ from optik.check import check_number
 from optik.errors import InvalidInput, InvalidMotion
 from optik.types import Array
 from planners.cell.drives._run import DriveRun
-from planners.cell.drives.base import ExecutionStatus, Fault, FaultKind, StopRequest
-from planners.cell.drives.options import Options
+from planners.cell.drives.base import ExecutionStatus, Fault, FaultKind, Options, StopRequest
 from planners.certificate.certificate import Certificate, check_valid
 from planners.certificate.violation import Allow
 from planners.following.failure import joint_unit

@@ -17,12 +17,20 @@ from optik.check import check_count, real_array
 from optik.errors import InvalidInput
 from optik.types import Array, Flags
 from planners.cell.drives import _checks
-from planners.cell.drives._run import Commands, DriveRun, Steps, interpolate
-from planners.cell.drives._stop import refuse, resume_execution
-from planners.cell.drives._stream_record import StreamRecord, make_record
-from planners.cell.drives.base import Drive, Execution, Moment, StopRequest, Watcher
-from planners.cell.drives.options import make_options
-from planners.cell.drives.setpoints import Setpoints, fit_periods, make_setpoints
+from planners.cell.drives._run import Commands, DriveRun, Steps, interpolate, refuse, resume_execution
+from planners.cell.drives.base import (
+    Drive,
+    Execution,
+    Moment,
+    Setpoints,
+    StopRequest,
+    StreamRecord,
+    Watcher,
+    fit_periods,
+    make_options,
+    make_record,
+    make_setpoints,
+)
 from planners.certificate.violation import Allow, check_allow
 from planners.plan import Plan
 from planners.retarget.stream import Stream
@@ -48,7 +56,7 @@ class SimulatedDrive(Drive):
     seed : int
         Seed of the encoder noise.
     **others
-        Options of `planners.cell.drives.options.make_options`.
+        Options of `planners.cell.drives.base.make_options`.
 
     Raises
     ------

@@ -20,8 +20,7 @@ import numpy as np
 from optik.compiled import compiled, inlined
 from optik.linear import copy_matrix
 from optik.types import Array
-from planners.timing.interior_point.border import Border, product
-from planners.timing.interior_point.newton import Iterate, Problem, back, edge_slope, forth, rows_of
+from planners.timing.interior_point.newton import Border, Iterate, Problem, back, edge_slope, forth, product, rows_of
 
 MET = 1e-5
 """Accepted residual of the dynamics of an interval, over its length."""

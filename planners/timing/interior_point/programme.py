@@ -13,7 +13,7 @@ from planners.limits import DERIVATIVES, TOOL_SPEEDS, MotionLimits, find_tool_li
 from planners.timing import _sweep
 from planners.timing._sweep import make_graded_grid
 from planners.timing.base import PathState, find_moving, refuse_free_motion, speed_bound
-from planners.timing.interior_point import reach
+from planners.timing.interior_point import rows
 from planners.timing.interior_point.newton import Problem
 from planners.timing.interior_point.rows import Rows, build_rows, derivatives, swept_rows
 from planners.timing.smooth import QUINTIC, least_duration
@@ -78,9 +78,9 @@ def moving_programme(
     with np.errstate(divide="ignore"):
         speed = np.fmin(speed_bound(joint_path, limits, s), (peak / np.abs(q1)).min(axis=1))
         speed = np.fmin(speed, STEADY * np.cbrt(bound["jerk"] / np.abs(q3)).min(axis=1))
-    if not reach.find_fastest(s, q1, q2, speed, usable, first * first, x):
+    if not rows.find_fastest(s, q1, q2, speed, usable, first * first, x):
         return None
-    reach.compute_times(s, x, t)
+    rows.compute_times(s, x, t)
     width = max(ramp, SMOOTHEST * float(t[-1]))
     v, since = np.sqrt(x), 0.0
     if first * width > NO_WAY * (end - begin):  # the filter looks back on a motion that came in at its speed
@@ -160,7 +160,7 @@ def _distribute(t: Array, s: Array, v: Array, width: float, since: float, count:
 def _filter(t: Array, s: Array, v: Array, width: float, when: Array) -> Array:
     """Return s, ṡ and s̈ (3, k), at the times `when`, of a motion s(t) smoothed by a box filter (moving mean in time)."""
     out = np.empty((3, when.size))
-    reach.filter_motion(t, s, v, width, when, out)
+    rows.filter_motion(t, s, v, width, when, out)
     return out
 
 

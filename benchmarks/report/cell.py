@@ -1,4 +1,4 @@
-"""Sections on spots: the task in space, the sources of the error, and spot and tool on each axis (Fig. 10 to 13)."""
+"""Sections of the report on the executed cell: spots, their errors in space and on each axis (Fig. 10 to 13), and a table."""
 
 from __future__ import annotations
 
@@ -9,16 +9,17 @@ import numpy as np
 import polars as pl
 
 from benchmarks.blocks.base import BlockRows
-from benchmarks.blocks.cell.settings import AXES, WITHIN_M
+from benchmarks.blocks.block import Of, count, largest, median
+from benchmarks.blocks.cell import AXES, WITHIN_M, Noise, share_within
+from benchmarks.experiments.claims import executed_claims
 from benchmarks.records import slug
-from benchmarks.report.base import Run
-from benchmarks.report.boards import Board, Control
-from benchmarks.report.budgets.accuracy import chosen
-from benchmarks.report.cell.tables import drives_of, noise_words, spots_table
-from benchmarks.report.figures import (
+from benchmarks.report.base import QUESTION, KindReport, Run, Section
+from benchmarks.report.boards import (
     ALARM_COLOUR,
     INK_COLOUR,
     MUTED_COLOUR,
+    Board,
+    Control,
     add,
     axis,
     colour,
@@ -31,12 +32,108 @@ from benchmarks.report.figures import (
     shades,
     vary,
 )
-from benchmarks.report.timing.space import axes_in_space
+from benchmarks.report.budgets.accuracy import chosen
+from benchmarks.report.page import claims_of
+from benchmarks.report.tables import Column, Group, Table, table_of
+from benchmarks.report.timing.line import axes_in_space
 from benchmarks.statistics import quantiles
 from optik.types import Array
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure, Scatter
+
+
+# ---------------- table of the executed cell
+
+
+NOISE_WORDS = {
+    "laser_angle": ("σ of the laser's pan and tilt", 1e3, "mrad"), "laser_range": ("σ of its range", 1e3, "mm"),
+    "laser_position": ("σ of each coordinate of its calibrated position", 1e3, "mm"),
+    "laser_rotation": ("σ of each component of its calibrated orientation", 1e3, "mrad"),
+    "friction": ("friction of each joint, uniform ±", 1e2, "%"), "payload": ("payload, uniform ±", 1e2, "%"),
+    "encoder_counts": ("encoder resolution", 1.0, "counts per turn"),
+    "encoder_angle": ("σ of encoder readings", 1e6, "µrad"),
+}  # fmt: skip
+"""Random quantities of a trial in words, with the factor to their unit."""
+
+
+ENDED_TRIAL = pl.col("position_error").is_not_null()
+"""Whether a trial was executed."""
+
+
+def _mm(column: str, level: float = 0.5) -> Of:
+    """Return the computation of a quantile [mm] over the executed trials; None without any."""
+
+    def of(rows: pl.DataFrame) -> float | None:
+        ends = rows.filter(ENDED_TRIAL)
+        return 1e3 * quantiles(ends[column].to_numpy(), (level,))[0] if len(ends) else None
+
+    return of
+
+
+SPOT_COLUMNS = (
+    Column("label", "Method", show="text"),
+    Column("budget", "iterations", show="text"),
+    Column("within", "within 2 mm on each axis", "%", "more", "share", of=share_within),
+    Column("count", "trials", show="count", of=len),
+    Column("error", "median error", "mm", "less", of=_mm("position_error")),
+    Column("p95", "p95 error", "mm", "less", of=_mm("position_error", 0.95)),
+    *(Column(name.lower(), name, "mm", of=_mm(f"{name.lower()}_error")) for name in ("laser", "IK", "path", "servo")),
+    Column("tracking", "largest tracking error", "mm", "less", of=largest("tracking_m", 1e3, among=ENDED_TRIAL)),
+    Column("torque", "largest torque / bound", "", "", "limit", of=largest("torque_ratio", among=ENDED_TRIAL)),
+    Column("duration", "median duration", "s", aside=True, of=median("duration", among=ENDED_TRIAL)),
+    Column("failed", "not executed", show="count", of=count(~ENDED_TRIAL)),
+)
+"""Columns of a table of spots; the parts of the error are medians of lengths."""
+
+
+def noise_words(noise: Noise) -> str:
+    """Describe the random quantities of a trial."""
+    words = []
+    for name in NOISE_WORDS:
+        value = getattr(noise, name)
+        what, scale, unit = NOISE_WORDS[name]
+        if value:
+            gap = "" if what.endswith("±") else " "
+            words.append(f"{what}{gap}{scale * value:.7g}{' ' + unit if unit else ''}")
+    return ", ".join(words)
+
+
+def drives_of(b: BlockRows) -> str:
+    """Describe the drive of a block."""
+    names = b.rows["drive"].drop_nulls().unique().sort().to_list()
+    ideal = " (without masses: no servo error, torque or energy; friction and payload have no effect)"
+    return " and ".join(name + (ideal if name == "ideal" else "") for name in names)
+
+
+def tables(run: Run) -> Sequence[Table]:
+    """Return all tables of the executed cell."""
+    return [spots_table(b) for b in run.of("cell")]
+
+
+def _budget_words(budget: Any, along: bool) -> str:
+    """Say how many iterations were made, and where."""
+    return "the whole line" if budget is None else f"{budget} at each pose" if along else f"{budget} from the start"
+
+
+def spots_table(b: BlockRows) -> Table:
+    """Return spots by method and budget."""
+    groups: list[Group] = [
+        ({"label": str(setting), "budget": _budget_words(budget, part["along"][0])}, part)
+        for (setting, budget), part in b.rows.filter("known").group_by("setting", "budget", maintain_order=True)
+    ]
+    note = (
+        "Spots with a known solution. The parts of the error are median lengths of vectors at the end of the motion: laser "
+        "(target − spot), IK (tool at the method's answer − target), path (planned − answer), servo (executed − planned). If "
+        "the answer is the start, there is no motion and no servo error. A trial that was not executed counts as a miss and "
+        "has no error. Torque: simulated peak / certificate's bound for the nominal arm. Other friction and payload may "
+        "exceed the bound, and so may single steps in which the servo responds to the resolution and noise of its encoders."
+    )
+    return table_of(f"cell-spots-{slug(b.block.id)}", b.block.title, SPOT_COLUMNS, groups, note)
+
+
+# ---------------- sections on spots
+
 
 PART_WORDS = {
     "laser": "laser: target − spot", "ik": "IK: its answer − target", "path": "path: planned − answer",
@@ -337,3 +434,46 @@ def _errors(b: BlockRows) -> Board:
         f"cell-errors-{name}", tuple(plots), (Control.of("method", "Method", labels), scale),
         "Fig. 11, 12 and 13 as executed, one point for each trial. The fine scale clips larger errors.",
     )  # fmt: skip
+
+
+# ---------------- sections of the report on the executed cell
+
+
+def claims(run: Run) -> dict[str, Any] | None:
+    """Show the paper's claims as executed, for every block of spots."""
+    found = [f for b in run.of("cell") for f in executed_claims(b.rows)]
+    return claims_of(found) if found else None
+
+
+def findings(run: Run) -> Sequence[str]:
+    """Return verdicts as executed, one sentence for each claim of each block."""
+    found = [f for b in run.of("cell") for f in executed_claims(b.rows)]
+    return [f"As executed, claim ({f.key}) {f.verdict}: {f.summary}" for f in found]
+
+
+def limitations(run: Run) -> Sequence[str]:
+    """Describe the simulation and its random quantities."""
+    found = ["Every execution is simulated; nothing was measured on a real arm."]
+    for b in run.of("cell"):
+        varies = noise_words(b.block.noise)
+        load = "" if b.block.payload is None else f" {b.block.payload:g} kg in the tool."
+        found.append(
+            f"{b.block.title}: executed on the drive {drives_of(b)}, set-points every {1e3 * b.block.period:g} ms.{load} "
+            f"What varies: {varies or 'nothing'}."
+        )
+    return found
+
+
+REPORT = KindReport(
+    (
+        Section("The paper's claims, as executed", "cell-claims", claims, QUESTION.with_name("claims.html.j2"), 61),
+        Section("The task in space", "cell-space", space, order=62),
+        Section("Sources of the error", "cell-split", split, order=63),
+        Section("Spot and tool, as executed (Fig. 10 to 13)", "cell-axes", axes, order=64),
+    ),
+    lambda blocks: ("executed motions of the laser cell",),
+    tables=tables,
+    findings=findings,
+    limitations=limitations,
+    labels=lambda block: [m.label for m in block.methods],
+)
