@@ -621,7 +621,9 @@ def test_a_motion_of_plug_ins_is_saved_loaded_and_certified_but_reading_it_runs_
 
 def test_the_law_of_the_example_passes_the_middle_slowly() -> None:
     path, limits = default_joint_path(), planners.MotionLimits(2.0, 10.0, 100.0)
-    slow, even = (planners.make_law(EXAMPLES / "law.py", slowness=x).run(path, limits).slowed(1.0) for x in (8.0, 0.0))
+    slow, even = (
+        planners.make_law(EXAMPLES / "law.py", slowness=x).run(path, limits).stretched(1.0) for x in (8.0, 0.0)
+    )
     middle = 0.5 * (path.robot.limits.lower + path.robot.limits.upper)
     half = 0.5 * (path.robot.limits.upper - path.robot.limits.lower)
 

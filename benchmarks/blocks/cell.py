@@ -35,7 +35,7 @@ from planners.following.follow import PlanFailure
 from planners.following.joint_path import IKRecord, JointPath
 from planners.limits import MotionLimits
 from planners.motion import Motion
-from planners.motion.motion import fit_to_limits
+from planners.motion.motion import stretch_to_limits
 from planners.paths.line import Line
 from planners.plan import Plan, PlanStatus, make_law, plan
 
@@ -201,7 +201,7 @@ EXECUTED_TO_END = "executed"
 """Status of a completely executed motion; other statuses are those of the plan, the drive or the cell."""
 
 
-def facts_of(execution: Execution) -> dict[str, Any]:
+def trial_facts(execution: Execution) -> dict[str, Any]:
     """Return the facts on an execution."""
     found = failure(execution.drive, EXECUTED_TO_END if execution else str(execution.status), execution.reason)
     if execution.motion is None or len(execution.t) < 2:
@@ -236,7 +236,7 @@ def execute(block: CellBlock, planned: Plan, drive: Callable[[], Drive]) -> tupl
         why = str(planned.status) if planned.failure is None else planned.failure.reason
         return failure(block.drive, str(planned.status), why), None
     execution = drive().execute(planned)
-    return facts_of(execution), execution
+    return trial_facts(execution), execution
 
 
 class Trial(NamedTuple):
@@ -349,7 +349,7 @@ def plan_through(robot: Robot, line: Line, q: Array, solver: str, law: str) -> P
     limits, timed = MotionLimits.of(robot), make_law(law)
     try:
         enforced = timed.list_enforced(limits)
-        trajectory = fit_to_limits(robot, timed.run(joints, limits), limits, enforced, line)
+        trajectory = stretch_to_limits(robot, timed.run(joints, limits), limits, enforced, line)
     except NoSolution as error:
         failure = PlanFailure.from_error(PlanStatus.TIMING_INFEASIBLE, error)
         return Plan(robot, line, limits, PlanStatus.TIMING_INFEASIBLE, solver, law, joints, failure, None, None)
@@ -513,7 +513,7 @@ class _Shown:
         if out.error is None or not out.executions:
             step = "" if out.failed is None else f"{out.failed.name}: "
             return failure(self.work.block.drive, str(out.status), f"{step}{out.reason}")
-        return facts_of(out.executions[-1]) | errors_of(out.error) | self._paths(out.executions[-1])
+        return trial_facts(out.executions[-1]) | errors_of(out.error) | self._paths(out.executions[-1])
 
     def _along(self, solver: IKSolver) -> dict[str, Any]:
         """Execute the line through the answers after some iterations at each of its poses."""

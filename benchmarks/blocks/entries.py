@@ -99,7 +99,7 @@ JOINT_LIMITS = (*DERIVATIVES, *LOADED)
 """Limits on every joint: for each, reports show the largest ratio to it, with its joint and its time."""
 
 
-def torques_at(robot: Robot, motion: Trajectory, t: Array) -> tuple[Array, Array]:
+def sample_torques(robot: Robot, motion: Trajectory, t: Array) -> tuple[Array, Array]:
     """Return torques and their rates at instants."""
     states = np.ascontiguousarray(np.stack([motion(t, order) for order in range(4)], axis=1))
     found = []

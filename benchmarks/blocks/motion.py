@@ -33,10 +33,10 @@ from optik.scene.contact import find_contact
 from optik.types import Array
 from planners.certificate.certificate import Certificate
 from planners.certificate.certification import certify
-from planners.choice.first_paths import round_corners
+from planners.choice.first_paths import round_legs
 from planners.following.follow import DEFAULT_TOLERANCE, follow
 from planners.limits import MotionLimits
-from planners.motion.motion import fit
+from planners.motion.motion import stretch_analysed
 from planners.paths.joint_line import JointLine
 from planners.paths.point_to_point import PointToPoint
 from planners.plan import Plan, plan
@@ -154,12 +154,12 @@ def time_rounded(
     """Return the certified motion of a law along the polyline of a search with rounded corners; None if the law finds none."""
     if law == "toppra":
         limits = MotionLimits(limits.velocity, limits.acceleration)
-    path, made = round_corners(PointToPoint(robot, *ends), [found.vertices], scene), make_law(law)
+    path, made = round_legs(PointToPoint(robot, *ends), [found.vertices], scene), make_law(law)
     joints = follow(get_solver(robot, "lm"), path).joint_path
     if joints is None:
         return None
     try:
-        motion = fit(made.run_with_analysis(joints, limits), limits, made.list_enforced(limits))
+        motion = stretch_analysed(made.run_with_analysis(joints, limits), limits, made.list_enforced(limits))
     except NoSolution:
         return None
     request = PlanRequest(robot, path, limits, "lm", made, Tolerance.of(DEFAULT_TOLERANCE), 1000.0, scene=scene)

@@ -20,7 +20,14 @@ from rich.console import Console
 from typer.core import TyperCommand
 
 import optik
-from benchmarks.cli.readers import LIMIT_HELP, format_numbers, read_configuration, read_held, read_limit, read_numbers
+from benchmarks.cli.readers import (
+    LIMIT_HELP,
+    format_numbers,
+    read_configuration,
+    read_held,
+    read_limit,
+    read_number_list,
+)
 from optik.arm.model import unit_factors
 from optik.arm.motors import from_maker, maker_joints
 from optik.arm.urdf import TIP_ADVICE
@@ -338,7 +345,7 @@ class FileCommand(JsonCommand):
 
     def load_file(self, name: str) -> optik.Robot:
         """Load a robot, and print the tip that a rule chose."""
-        gravity = None if self.gravity is None else read_numbers(self.gravity, "--gravity", 3)
+        gravity = None if self.gravity is None else read_number_list(self.gravity, "--gravity", 3)
         if gravity is not None and not any(gravity):
             raise InvalidInput("--gravity", self.gravity, "a direction, such as 0,0,-1")
         links = [link.strip() for text in self.without_shape or () for link in text.split(",")] or None

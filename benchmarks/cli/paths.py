@@ -26,7 +26,7 @@ from benchmarks.cli.command import (
     print_json,
 )
 from benchmarks.cli.plan import PlanCommand, choose_branch
-from benchmarks.cli.readers import read_configuration, read_freedoms, read_numbers
+from benchmarks.cli.readers import read_configuration, read_freedoms, read_number_list
 from optik.arm.model import unit_factors
 from optik.check import format_count
 from optik.errors import InvalidInput
@@ -139,11 +139,11 @@ class LineCommand(ToolPathCommand):
         import planners
         from optik import se3
 
-        T, turn = start.arm.fk(start.q), read_numbers(self.turn_deg, "--turn-deg", 3)
+        T, turn = start.arm.fk(start.q), read_number_list(self.turn_deg, "--turn-deg", 3)
         if np.linalg.norm(turn) > 180.0:
             advice = "a line turns the shortest way"
             raise InvalidInput("--turn-deg", self.turn_deg, "a rotation vector of at most 180°", advice=advice)
-        position = T[:3, 3] + read_numbers(self.move or DEMONSTRATION, "--move", 3)
+        position = T[:3, 3] + read_number_list(self.move or DEMONSTRATION, "--move", 3)
         return planners.Line(T, se3.pose(se3.exp_so3(np.deg2rad(turn)) @ T[:3, :3], position))
 
 
@@ -165,10 +165,10 @@ class ArcCommand(ToolPathCommand):
         given = [name for name, text in typed.items() if text]
         T = start.arm.fk(start.q)
         if given == ["--centre"]:
-            centre, axis = read_numbers(self.centre, "--centre", 3), read_numbers(self.axis, "--axis", 3)
+            centre, axis = read_number_list(self.centre, "--centre", 3), read_number_list(self.axis, "--axis", 3)
             return planners.Arc.about(T, centre, axis, float(np.deg2rad(self.angle_deg)))
         if given == ["--via", "--to"]:
-            return planners.Arc.through(T, read_numbers(self.via, "--via", 3), read_pose(self.to, "--to", T))
+            return planners.Arc.through(T, read_number_list(self.via, "--via", 3), read_pose_text(self.to, "--to", T))
         raise InvalidInput("--via", " and ".join(given) or "no option", "--via with --to, or --centre")
 
 
@@ -202,7 +202,7 @@ class PolylineCommand(ToolPathCommand, TableCommand):
                 columns=self.columns, ignore=self.ignore,
             )  # fmt: skip
         for text in self.via or ():
-            poses.append(read_pose(text, "--via", poses[-1]))
+            poses.append(read_pose_text(text, "--via", poses[-1]))
         return planners.Polyline(np.stack(poses), blend=self.blend)
 
 
@@ -225,7 +225,7 @@ class SplineCommand(ToolPathCommand, TableCommand):
         """Return the curve."""
         import planners
 
-        position, rotation = np.multiply(read_numbers(self.tolerance, "--tolerance", 2), (1e-3, np.pi / 180.0))
+        position, rotation = np.multiply(read_number_list(self.tolerance, "--tolerance", 2), (1e-3, np.pi / 180.0))
         if min(position, rotation) < 0.0 or (position > 0.0) != (rotation > 0.0):
             expected = "a distance [mm] and an angle [degrees] above 0, or 0,0"
             raise InvalidInput("--tolerance", self.tolerance, expected)
@@ -318,11 +318,11 @@ def read_settings(texts: list[str]) -> dict[str, Any]:
     return found
 
 
-def read_pose(text: str, name: str, before: Any) -> Any:
+def read_pose_text(text: str, name: str, before: Any) -> Any:
     """Return the pose of x,y,z[,roll,pitch,yaw]; without angles it has the orientation of the pose before it."""
     from optik import se3
 
-    values = read_numbers(text, name, 3, 6)
+    values = read_number_list(text, name, 3, 6)
     return se3.from_xyz_rpy(values[:3], values[3:]) if values[3:] else se3.pose(before[:3, :3], values)
 
 

@@ -25,7 +25,7 @@ from benchmarks.cli.command import (
     print_json,
     translate,
 )
-from benchmarks.cli.readers import ALLOW_HELP, format_numbers, read_allowed, read_bound, read_numbers
+from benchmarks.cli.readers import ALLOW_HELP, format_numbers, read_allowed, read_bound, read_number_list
 from optik.arm.model import unit_factors
 from optik.arm.motors import maker_joints
 from optik.check import check_number, format_count
@@ -139,8 +139,8 @@ def print_certificate(plan: Any, by_law: tuple[str, ...]) -> None:
         out_console.print(describe_effort(proof, plan.robot, arms))
     if proof.clearance is not None:
         out_console.print(describe_clearance(proof.clearance))
-    if plan.slowed > 1.0:
-        stretch = 100.0 * (plan.slowed - 1.0)
+    if plan.stretch_factor > 1.0:
+        stretch = 100.0 * (plan.stretch_factor - 1.0)
         out_console.print(f"duration stretched by {stretch:.3g} % to meet the limits")
     beyond = [f for f in limits if f not in proof.enforced and proof.worst(f)[0] > 1.0]
     if beyond:
@@ -518,7 +518,7 @@ def _read_torque_limit(arm: optik.Robot, field: str, text: str) -> dict[str, Any
             raise InvalidInput(name, f"robot, but {arm.name} has no such limit", f"numbers {unit}, or none")
         return {}
     try:
-        values = read_numbers(text, name, infinite=True)
+        values = read_number_list(text, name, infinite=True)
     except InvalidInput:
         values = []
     if len(values) not in (1, arm.n):

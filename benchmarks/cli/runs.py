@@ -136,13 +136,13 @@ class DemoCommand(JsonCommand):
 
     def run(self) -> None:
         """Run the suite, write its report, and print the verdicts."""
-        from benchmarks.experiments.claims import judge
+        from benchmarks.experiments.claims import judge_claims
         from benchmarks.report import write_report
 
         folder = RunCommand(suite="paper", out=self.out, workers=self.workers).run_with_progress()
         with err_console.status("writing the report"):
             page = write_report(folder)
-        findings = judge(folder)
+        findings = judge_claims(folder)
         if self.as_json:
             print_json({"report": str(page), "claims": [{"claim": f.claim, "verdict": f.verdict} for f in findings]})
             return

@@ -16,8 +16,8 @@ from benchmarks.experiments.workspace import (
     LEAST_IN_BIN,
     TWO_MM,
     Fit,
-    fit,
     fit_figures,
+    fit_line,
     linear_error,
     linear_verdict,
     linear_words,
@@ -169,7 +169,10 @@ def _fits(rows: pl.DataFrame) -> Iterator[tuple[int, dict[str, Fit]]]:
     done = rows.filter(pl.col("position_error").is_not_null())
     for (budget,), part in done.sort("budget").group_by("budget", maintain_order=True):
         if len(part) >= 12 * LEAST_IN_BIN and _iteration_leads(part):
-            yield int(budget), {c: fit(part["distance"].to_numpy(), np.abs(part[c].to_numpy())) for c in JUDGED_ERRORS}
+            yield (
+                int(budget),
+                {c: fit_line(part["distance"].to_numpy(), np.abs(part[c].to_numpy())) for c in JUDGED_ERRORS},
+            )
 
 
 def _iteration_leads(part: pl.DataFrame) -> bool:
@@ -419,6 +422,6 @@ CLAIMS = (
 """Claims in the order of the report."""
 
 
-def judge(folder: RunFolder) -> list[Finding]:
+def judge_claims(folder: RunFolder) -> list[Finding]:
     """Return the findings on all claims; a claim without data in the run is "not tested"."""
     return [claim(folder) for claim in CLAIMS]

@@ -36,7 +36,7 @@ def main() -> None:
         kernels = dict(_kernels(Path(cache)))
     triple, _, _ = cpu_target.target_context.codegen().magic_tuple()
     file = archive.ARCHIVES / archive.file_name()
-    archive.pack(file, VERSIONS, archive.CompileTarget(triple, cpu, ""), kernels)
+    archive.pack_archive(file, VERSIONS, archive.CompileTarget(triple, cpu, ""), kernels)
     print(f"{len(kernels)} kernels in {file}, {file.stat().st_size / 1e6:.2f} MB")
 
 

@@ -147,7 +147,7 @@ START_KINDS = ("near", "far", "random", "zero")
 uniform inside the limits; zero: all joints at zero. All are clamped to the limits."""
 
 
-def stream(seed: int, *words: str) -> np.random.Generator:
+def random_stream(seed: int, *words: str) -> np.random.Generator:
     """Return an independent random stream for a seed and some words, such as the names of a set and of a group."""
     return np.random.default_rng((seed, *(crc32(word.encode()) for word in words)))
 
@@ -171,12 +171,12 @@ def from_solutions(
     fixed = None if start_deg is None else start_of(robot, start_deg)
     parts = [(group, kind, q) for group, q in groups.items() for kind in kinds]
     first = [
-        start_configurations(robot.limits, stream(seed, kind, group), q, kind, spread)
+        start_configurations(robot.limits, random_stream(seed, kind, group), q, kind, spread)
         if fixed is None
         else np.tile(fixed, (len(q), 1))
         for group, kind, q in parts
     ]
-    names = [named(group, kind, kinds) for group, kind, q in parts for _ in q]
+    names = [name_with_kind(group, kind, kinds) for group, kind, q in parts for _ in q]
     far = [np.full(len(q), spread if kind == "near" else np.nan) for _, kind, q in parts]
     solutions = np.concatenate([q for *_, q in parts])
     sigma, known = robot.singular_values(solutions)[:, -1], np.ones(len(names), dtype=bool)
@@ -227,7 +227,7 @@ def check_starts(
     return kinds
 
 
-def named(group: str, kind: str, kinds: Sequence[str]) -> str:
+def name_with_kind(group: str, kind: str, kinds: Sequence[str]) -> str:
     """Return the name of a group, with its kind of start if there are several kinds."""
     return group if len(kinds) == 1 else f"{group}, {kind} start"
 

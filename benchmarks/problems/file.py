@@ -12,11 +12,11 @@ from benchmarks.problems.base import (
     REFERENCE_RESTARTS,
     ProblemSet,
     check_starts,
-    named,
+    name_with_kind,
+    random_stream,
     searched,
     start_configurations,
     start_of,
-    stream,
 )
 from benchmarks.problems.tables import Poses, read_poses
 from optik.arm.robot import Robot
@@ -73,7 +73,7 @@ def file(
     kinds = check_starts(starts, start_deg, FREE_STARTS)
     first = np.concatenate([_starts(robot, seed, kind, poses, start_deg) for kind in kinds])
     targets = np.tile(poses.targets, (len(kinds), 1, 1))
-    group: NDArray[np.str_] = np.array([named(str(g), kind, kinds) for kind in kinds for g in poses.group])
+    group: NDArray[np.str_] = np.array([name_with_kind(str(g), kind, kinds) for kind in kinds for g in poses.group])
     return searched(robot, targets, first, group, restarts=reference_restarts)
 
 
@@ -82,7 +82,7 @@ def _starts(robot: Robot, seed: int, kind: str, poses: Poses, start_deg: ArrayLi
     k = len(poses.targets)
     if start_deg is not None:
         return np.tile(start_of(robot, start_deg), (k, 1))
-    return start_configurations(robot.limits, stream(seed, "file", kind), np.zeros((k, robot.n)), kind, 1.0)
+    return start_configurations(robot.limits, random_stream(seed, "file", kind), np.zeros((k, robot.n)), kind, 1.0)
 
 
 METHOD = file

@@ -234,6 +234,6 @@ class Run:
     @cached_property
     def findings(self) -> list[Finding]:
         """Findings of the run on the paper's claims."""
-        from benchmarks.experiments.claims import judge
+        from benchmarks.experiments.claims import judge_claims
 
-        return judge(self.folder)
+        return judge_claims(self.folder)

@@ -257,7 +257,7 @@ SPLIT_COLUMNS = {**{part: f"{part}_error" for part in PART_WORDS}, "total": "pos
 """Columns of the lengths of the parts and of the total error."""
 
 
-def split(run: Run) -> dict[str, Any] | None:
+def draw_error_parts(run: Run) -> dict[str, Any] | None:
     """Show the parts of the error of every block of spots."""
     blocks = [b for b in run.of("cell") if not done(b).is_empty()]
     if not blocks:
@@ -468,7 +468,7 @@ REPORT = KindReport(
     (
         Section("The paper's claims, as executed", "cell-claims", claims, QUESTION.with_name("claims.html.j2"), 61),
         Section("The task in space", "cell-space", space, order=62),
-        Section("Sources of the error", "cell-split", split, order=63),
+        Section("Sources of the error", "cell-split", draw_error_parts, order=63),
         Section("Spot and tool, as executed (Fig. 10 to 13)", "cell-axes", axes, order=64),
     ),
     lambda blocks: ("executed motions of the laser cell",),

@@ -20,7 +20,7 @@ from benchmarks.experiments.base import FAILS, HOLDS, PAPER_METHOD, PAPER_TITLE,
 from benchmarks.records import RunFolder, slug
 from benchmarks.report.base import Run, Section, Winner, load_report
 from benchmarks.report.boards import THEME, packed, squeeze, strict, template, variable
-from benchmarks.report.tables import Cell, Column, Table, listed, number, percent, quoted, shown_rows, written
+from benchmarks.report.tables import Cell, Column, Table, listed, number, percent, quote_label, shown_rows, written
 from benchmarks.statistics import mcnemar, not_told_apart, percentage
 from optik.errors import UnknownName
 from optik.plugins.files import forbid_code
@@ -119,7 +119,7 @@ def asked_table(run: Run) -> Table | None:
     return Table("asked", title, ASKED_COLUMNS, tuple(rows)) if rows else None
 
 
-def provenance(run: Run) -> dict[str, Any]:
+def provenance_section(run: Run) -> dict[str, Any]:
     """Show code, versions and machine of the run, and the command that repeats it."""
     p = run.manifest["provenance"]
     commit = p.get("commit")
@@ -176,7 +176,7 @@ FAILURE_COLUMNS = (
 Failures = list[dict[str, Any]]
 
 
-def failures(run: Run) -> dict[str, Failures]:
+def failures_section(run: Run) -> dict[str, Failures]:
     """Return the failures in `run.json` by the name of their block's kind."""
     found: dict[str, Failures] = {}
     for one in run.manifest.get("failed", []):
@@ -197,7 +197,7 @@ def _whose(run: Run, file: str) -> tuple[Kind, str]:
 def failure_table(kind: Kind, run: Run) -> Table | None:
     """Return the failures of a kind, each method and reason once."""
     counted: dict[tuple[str, str, str], list[int]] = {}
-    for one in failures(run).get(kind.name, []):
+    for one in failures_section(run).get(kind.name, []):
         of = counted.setdefault((str(one["label"]), str(one["block"]), str(one["why"])), [0, 0])
         of[0] += int(one["times"])
         of[1] += 1
@@ -225,7 +225,7 @@ def home_of(kind: Kind, sections: Sequence[Section]) -> Section:
 
 def failure_words(run: Run) -> str:
     """Describe the failures in a sentence for the head of the report."""
-    labels = dict.fromkeys(str(one["label"]) for found in failures(run).values() for one in found)
+    labels = dict.fromkeys(str(one["label"]) for found in failures_section(run).values() for one in found)
     return f"Failures or crashes: {listed(labels)}." if labels else ""
 
 
@@ -235,7 +235,7 @@ CLOSING = (
     Section("The paper's claims", "claims", claims, _TEMPLATES / "claims.html.j2", 100),
     Section("Known limitations", "limitations", limitations, _TEMPLATES / "limitations.html.j2", 120),
     Section("Acceptance targets", "asked", asked, order=125),
-    Section("Provenance", "provenance", provenance, _TEMPLATES / "provenance.html.j2", 130),
+    Section("Provenance", "provenance", provenance_section, _TEMPLATES / "provenance.html.j2", 130),
 )
 """Last sections of every page, for all kinds."""
 
@@ -302,7 +302,7 @@ def ranked(given: Mapping[str, int]) -> Ranked:
     asked = tuple(label for label, count in given.items() if count)
     many = tuple(label for label in asked if given[label] >= min(RANKED_PROBLEMS, most / 2))
     labels = many if len(many) > 1 else asked
-    out = [f"{quoted(label)} ({count:,})" for label, count in given.items() if label not in labels]
+    out = [f"{quote_label(label)} ({count:,})" for label, count in given.items() if label not in labels]
     return Ranked(labels, f"; not ranked (fewer problems): {', '.join(out)}" if out else "")
 
 

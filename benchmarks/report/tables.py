@@ -63,14 +63,14 @@ def percent(share: float, digits: int = 1) -> str:
     return "–" if math.isnan(share) else f"{share:.{digits}f} %"
 
 
-def quoted(label: str) -> str:
+def quote_label(label: str) -> str:
     """Return a label for a list: in quotation marks if it contains a comma or a semicolon."""
     return f"“{label}”" if set(label) & set(",;") else label
 
 
 def listed(labels: Iterable[str]) -> str:
     """Return the labels in a sentence, with commas between them."""
-    return ", ".join(map(quoted, labels))
+    return ", ".join(map(quote_label, labels))
 
 
 # ---------------- tables of the report

@@ -463,7 +463,7 @@ def _inertia(table: Any, n: int, source: Any) -> Inertia:
 def _limits(joints: Sequence[Mapping[str, Any]], dynamic: Any) -> JointLimits:
     """Read the position limits and speeds of the rows, and the table ``dynamic_limits``."""
     dynamic = dict(read_record(dynamic, (), "dynamic_limits", optional=(*DYNAMIC_LIMITS, "velocity_by_position")))
-    n, slowed = len(joints), dynamic.pop("velocity_by_position", None)
+    n, by_position = len(joints), dynamic.pop("velocity_by_position", None)
     ranges = np.array([_range(joint, f"joints[{i}]") for i, joint in enumerate(joints)])
     limits: dict[str, Any] = {key: _check_positive(value, f"dynamic_limits.{key}", n) for key, value in dynamic.items()}
     if any(key in joint for joint in joints for key in SPEEDS):
@@ -471,8 +471,10 @@ def _limits(joints: Sequence[Mapping[str, Any]], dynamic: Any) -> JointLimits:
             expected = "velocities either in the rows or in dynamic_limits"
             raise InvalidInput("dynamic_limits.velocity", "speeds in the rows, too", expected)
         limits["velocity"] = np.array([_speed(joint, f"joints[{i}]") for i, joint in enumerate(joints)])
-    if slowed is not None:
-        limits["velocity_by_position"] = VelocityByPosition.from_plain(slowed, "dynamic_limits.velocity_by_position")
+    if by_position is not None:
+        limits["velocity_by_position"] = VelocityByPosition.from_plain(
+            by_position, "dynamic_limits.velocity_by_position"
+        )
     return JointLimits(ranges[:, 0], ranges[:, 1], **limits)
 
 

@@ -185,10 +185,12 @@ class JointLimits:
             most = f"at most {LARGEST_LIMIT:g} rad or m"
             expected = f"{most}; infinity for a joint without a limit (type continuous in a URDF)"
             raise InvalidInput("limits", f"{lower[i]:.6g} to {upper[i]:.6g} at joint {i + 1}", expected)
-        slowed = self.velocity_by_position
-        if slowed is not None and not (isinstance(slowed, VelocityByPosition) and slowed.offset.size == lower.size):
+        by_position = self.velocity_by_position
+        if by_position is not None and not (
+            isinstance(by_position, VelocityByPosition) and by_position.offset.size == lower.size
+        ):
             expected = f"a VelocityByPosition of {lower.size} joints"
-            raise InvalidInput("limits.velocity_by_position", repr(slowed)[:60], expected)
+            raise InvalidInput("limits.velocity_by_position", repr(by_position)[:60], expected)
         object.__setattr__(self, "lower", lower)
         object.__setattr__(self, "upper", upper)
         for field in DYNAMIC_LIMITS:

@@ -298,8 +298,8 @@ def _arm(tree: Tree, chain: list[Joint], gravity: Array, source: str) -> tuple[A
 
 def _join_limits(robot: str, limits: JointLimits, axes: list[Joint], linkage: Linkage) -> JointLimits:
     """Return the limits of joints, lowered to those of the axes that follow them; torques are the joints' alone."""
-    if slowed := [joint.name for joint in axes if {"mimic", BY_POSITION} <= set(joint.element)]:
-        raise RobotModelError(robot, f"joint {slowed[0]!r}: follows another one (<mimic>), with {BY_POSITION}")
+    if by_position := [joint.name for joint in axes if {"mimic", BY_POSITION} <= set(joint.element)]:
+        raise RobotModelError(robot, f"joint {by_position[0]!r}: follows another one (<mimic>), with {BY_POSITION}")
     rates = {
         name: np.array([_positive(robot, joint, "limit", name) or np.inf for joint in axes])
         for name in ("velocity", *LIMIT_ATTRIBUTES)

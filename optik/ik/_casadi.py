@@ -35,7 +35,7 @@ _HALF_TURN = 1e-9
 """Added to (2 cos ½θ)² so that derivatives are finite at half a turn; near the target it shortens e by a fraction of 1e-10."""
 
 
-class Model(NamedTuple):
+class SymbolicModel(NamedTuple):
     """Expressions of a robot's tool pose p (3,), R (3, 3) and geometric Jacobian J (6, n), rows (v, ω), in the base frame.
 
     Their symbols are the configuration q (n,) and the target (12,): the first three rows of its pose, row by row, which
@@ -49,7 +49,7 @@ class Model(NamedTuple):
     J: Any
 
 
-def build_model(robot: Robot) -> Model:
+def build_model(robot: Robot) -> SymbolicModel:
     """Build the model of a robot as the product of its transforms, without their zeros."""
     q, target = ca.SX.sym("q", robot.n), ca.SX.sym("target", 12)
     p, R = ca.SX.zeros(3), ca.SX.eye(3)
@@ -70,7 +70,7 @@ def build_model(robot: Robot) -> Model:
         for (o, z), slides in zip(axes, arm.prismatic, strict=True)
     ]
     J = ca.horzcat(*columns) if follow is None else ca.mtimes(ca.horzcat(*columns), ca.DM(follow.matrix))
-    return Model(q, target, ca.densify(p), ca.densify(R), ca.densify(J))
+    return SymbolicModel(q, target, ca.densify(p), ca.densify(R), ca.densify(J))
 
 
 def pose_parameters(target: Array, out: Array) -> None:
@@ -78,12 +78,12 @@ def pose_parameters(target: Array, out: Array) -> None:
     out[:] = target[:3].ravel()
 
 
-def task_rows(task: Task) -> list[int]:
+def constrained_rows(task: Task) -> list[int]:
     """Return the indices of the components that a task constrains; for an axis, the two components across it."""
     return [i for i in range(6) if task.mask[i]]
 
 
-def error_components(m: Model, task: Task) -> Any:
+def error_components(m: SymbolicModel, task: Task) -> Any:
     """Return the errors of the task's components along the axes of its frame, before its box is subtracted.
 
     A rotation error with a box is that of `optik.task.task_error`. Without a box it is the chord 2 sin ½θ instead of the
@@ -93,15 +93,15 @@ def error_components(m: Model, task: Task) -> Any:
     exact = any(task.box[3:])
     free = [k for k in range(3) if not task.mask[3 + k]]
     turn = _axis_error(D, free[0], exact) if len(free) == 1 else _rotation_error(D, exact)
-    return ca.vertcat(position, turn)[task_rows(task)]
+    return ca.vertcat(position, turn)[constrained_rows(task)]
 
 
-def cost(m: Model, task: Task) -> Any:
+def cost(m: SymbolicModel, task: Task) -> Any:
     """Return E, half the sum of squares of the task's error outside its box: ½|Δp|² + ¼|R − R_t|² for a pose.
 
     ¼|R − R_t|² is ½(2 sin ½θ)². Without a box on the rotation E is smooth everywhere.
     """
-    rows, e = task_rows(task), error_components(m, task)
+    rows, e = constrained_rows(task), error_components(m, task)
     smooth = _is_smooth(task)
     total = ca.SX(0.0)
     for i, row in enumerate(rows):
@@ -121,7 +121,7 @@ def _is_smooth(task: Task) -> bool:
     return not any(task.box[3:]) and sum(task.mask[3:]) != 1
 
 
-def cost_derivatives(m: Model, task: Task) -> tuple[Any, Any, Any]:
+def cost_derivatives(m: SymbolicModel, task: Task) -> tuple[Any, Any, Any]:
     """Return `cost` E, its gradient, and its Gauss–Newton Hessian JᵀJ + c·E·I, with J the task's rows.
 
     E depends only on the tool pose. Its derivatives with respect to the pose are a force and a torque, and Jᵀ maps them
@@ -134,22 +134,22 @@ def cost_derivatives(m: Model, task: Task) -> tuple[Any, Any, Any]:
     f, force, torque = ca.substitute([f, force, torque], [p, R], [m.p, m.R])
     rows = task_jacobian(m, task) if _is_smooth(task) else ca.jacobian(error_components(m, task), m.q)
     if any(task.box):  # components inside the box contribute nothing
-        outside = ca.fabs(error_components(m, task)) > np.array(task.box)[task_rows(task)]
+        outside = ca.fabs(error_components(m, task)) > np.array(task.box)[constrained_rows(task)]
         rows = ca.diag(outside) @ rows
     H = rows.T @ rows + (HESSIAN_DAMPING * f + _FLOOR) * ca.SX.eye(m.q.numel())
     return f, m.J.T @ ca.vertcat(force, torque), H
 
 
-def task_jacobian(m: Model, task: Task) -> Any:
+def task_jacobian(m: SymbolicModel, task: Task) -> Any:
     """Return the rows of the geometric Jacobian that a task constrains, along the axes of its frame."""
     J = m.J
     if task.frame == "target" and not all(task.mask):
         back = _target_pose(m)[1].T
         J = ca.vertcat(back @ J[:3, :], back @ J[3:, :])
-    return J[task_rows(task), :]
+    return J[constrained_rows(task), :]
 
 
-def preference_cost(m: Model, task: Task, robot: Robot, weights: Mapping[str, float], posture: Any) -> Any:
+def preference_cost(m: SymbolicModel, task: Task, robot: Robot, weights: Mapping[str, float], posture: Any) -> Any:
     """Return the weighted sum of the preference: the function of `optik.ik._null_space.cost`."""
     total = ca.SX(0.0)
     for name, weight in weights.items():
@@ -178,12 +178,12 @@ def _log_root_det(A: Any) -> Any:
     return total
 
 
-def _target_pose(m: Model) -> tuple[Any, Any]:
+def _target_pose(m: SymbolicModel) -> tuple[Any, Any]:
     T = ca.reshape(m.target, 4, 3).T
     return T[:, 3], T[:, :3]
 
 
-def _relative_pose(m: Model, task: Task) -> tuple[Any, Any]:
+def _relative_pose(m: SymbolicModel, task: Task) -> tuple[Any, Any]:
     """Return the position error (3,) along the task's axes, and the rotation error as a matrix (3, 3)."""
     p, R = _target_pose(m)
     if task.frame == "target":
@@ -430,7 +430,7 @@ class ProgrammeSolver(IKSolver):
         return bool(self.preference) and self.task.exact < self.free_joints
 
     @abstractmethod
-    def _problem(self, m: Model, choice: bool) -> tuple[str, dict[str, Any], dict[str, Any]]:
+    def _problem(self, m: SymbolicModel, choice: bool) -> tuple[str, dict[str, Any], dict[str, Any]]:
         """Return the name of CasADi's solver, the programme of one stage and the options; `choice` is the second stage."""
 
     @abstractmethod
@@ -448,10 +448,10 @@ class ProgrammeSolver(IKSolver):
         watch = Watch({k: problem[k].numel() for k in problem}) if watched else None
         if watch is not None:
             options = options | {"iteration_callback": watch}
-        box = np.array(self.task.box)[task_rows(self.task)] if "g" in problem else np.zeros(0)
+        box = np.array(self.task.box)[constrained_rows(self.task)] if "g" in problem else np.zeros(0)
         return IkProblem(ca.nlpsol("ik", plugin, problem, options), self.robot.limits, self.bounds, box, watch)
 
-    def _second_problem(self, m: Model) -> dict[str, Any]:
+    def _second_problem(self, m: SymbolicModel) -> dict[str, Any]:
         """Build the second programme: minimise the preference with the task's components inside their box."""
         posture = ca.SX.sym("posture", self.robot.n)
         f = preference_cost(m, self.task, self.robot, self.preference.weights, posture)

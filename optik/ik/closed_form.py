@@ -206,7 +206,7 @@ class ClosedForm(IKSolver):
             branches.choose_nearest(self._chain, self._limits, found.roots, start, q)
             return Attempt(q, IKStatus.OUTSIDE_LIMITS, found.steps, None, found.message)
         q = self.robot.limits.clip(q)
-        branches.refine(self._chain, self._limits, target, self.max_iterations, q)
+        branches.refine_root(self._chain, self._limits, target, self.max_iterations, q)
         return Attempt(q, IKStatus.STALLED, found.steps, None, found.message)
 
     # ------------------------------------------------------------ roots

@@ -21,10 +21,10 @@ from planners.cell.sighting import (
     Spot,
     check_covariance,
     check_limits,
+    check_one_vector,
     check_readings,
-    check_vector,
     check_vectors,
-    freeze,
+    copy_read_only,
 )
 
 # ---------------- panTiltLaser
@@ -96,7 +96,7 @@ class PanTiltLaser:
     def __post_init__(self) -> None:
         expected = "a standard deviation ≥ 0"
         values = {
-            "pose": freeze(nearest_pose(check_pose(self.pose, "pose"))),
+            "pose": copy_read_only(nearest_pose(check_pose(self.pose, "pose"))),
             "pan_limits": check_limits(self.pan_limits, "pan_limits", -2 * pi, 2 * pi, "[−2π, 2π]"),
             "tilt_limits": check_limits(self.tilt_limits, "tilt_limits", -pi / 2, pi / 2, "[−π/2, π/2]"),
             "range_limits": check_limits(self.range_limits, "range_limits", 0.0, inf, "[0, ∞]"),
@@ -264,7 +264,7 @@ class PanTiltLaser:
             FOUND, OUTSIDE_ANGLES, BEHIND (outside the pan limits and behind the unit), OUT_OF_RANGE or AT_UNIT. On the
             pan axis the pan is not determined; it is the one inside the limits that is nearest to 0.
         """
-        point = check_vector(point, "point")
+        point = check_one_vector(point, "point")
         spot = Spot(*(float(x) for x in self.reading(point)))
         if spot.range <= RANGE_SLACK:
             return Sighting(SightStatus.AT_UNIT, "the point is the unit's origin", "choose a point away from the unit")

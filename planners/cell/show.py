@@ -19,7 +19,7 @@ from optik.view.show import Beam, Show, Track, select, thin
 from planners.cell.drives.base import Execution
 from planners.cell.outcome import Outcome, drive_words, execution_facts, outcome_facts, unread_facts
 from planners.certificate.certificate import check_valid, limit_bars
-from planners.certificate.certification import conditions_of, cut_between, find_stops
+from planners.certificate.certification import conditions_of, cut_between, find_section_times
 from planners.certificate.violation import Allow
 from planners.files.base import from_plain
 from planners.following.failure import joint_unit
@@ -108,7 +108,7 @@ def _follow_path(motion: Motion, solver: str) -> JointPath:
 
 def _plan_sections(motion: Motion, path: ProgramPath, solver: str, allow: Allow) -> ProgramPlan:
     """Return the plan of a program's motion from the plans of its sections; its events keep their times."""
-    times, sections = find_stops(path, motion.trajectory, motion.span), []
+    times, sections = find_section_times(path, motion.trajectory, motion.span), []
     for i, (begin, rest, _) in enumerate(times):
         limits, scene = conditions_of(path, i, motion.limits, motion.scene)
         own = replace(

@@ -20,7 +20,7 @@ from optik.ik.base import Tolerance
 from optik.kinematics import Chain
 from optik.types import Array, Flags, Indices
 from planners.certificate.bounds import FEW_INTERVALS, MotionBounds, ToolSpeedBounds, instants, prove_peaks, tool_speed
-from planners.certificate.effort import stretch_factor
+from planners.certificate.effort import find_torque_stretch
 from planners.certificate.path_error import ERROR_FLOOR, Passage, PathError, path_error
 from planners.certificate.projection import NEAREST_TURN, Nearest
 from planners.certificate.torque import TORQUE_INTERVALS, TorqueBounds, fourth_bounds_of
@@ -99,7 +99,7 @@ GRID_WIDTH = 1e-4
 """Fraction of the duration below which a grid is not refined: at a smooth minimum the value is correct to 1e-8."""
 
 
-def smallest_singular_value(robot: Robot, trajectory: Trajectory) -> tuple[float, float]:
+def find_smallest_singular_value(robot: Robot, trajectory: Trajectory) -> tuple[float, float]:
     """Return the smallest singular value along a motion, and its time, from a grid that is refined around its minimum."""
     return _find_smallest(robot.chain, trajectory.padded, trajectory.knots, trajectory.end)
 
@@ -191,7 +191,7 @@ def rest(trajectory: Trajectory) -> tuple[bool, bool]:
     return bool((np.abs(first[0]) <= begin).all()), bool((np.abs(last[-1]) <= end).all())
 
 
-def steps(trajectory: Trajectory, order: int, standing: tuple[bool, bool] | None = None) -> Array:
+def find_discontinuities(trajectory: Trajectory, order: int, standing: tuple[bool, bool] | None = None) -> Array:
     """Return the discontinuities of the joints' derivative of one order at all knots; at a resting end, against standstill."""
     first, last = trajectory.ends(order)
     # the position of a standstill is that of the adjacent end: it cannot jump
@@ -211,7 +211,7 @@ def largest_jump(trajectory: Trajectory, jumping: Flags) -> Jump | None:
     order = continuous_order(jumping) + 1
     if order > 1:
         return None
-    size = np.abs(steps(trajectory, order, rest(trajectory))) * jumping[order]
+    size = np.abs(find_discontinuities(trajectory, order, rest(trajectory))) * jumping[order]
     knot, joint = (int(k) for k in np.unravel_index(size.argmax(), size.shape))
     return Jump(float(size[knot, joint]), float(trajectory.knots[knot]), joint)
 
@@ -274,10 +274,10 @@ def coverage(path: Path, passage: Passage, span: tuple[float, float]) -> Coverag
     begin, end = float(passage.s[0]), float(passage.s[-1])
     back = (0.0, 0.0), end, float(passage.t[-1])  # nowhere
     for t, high, low in _find_backward_stretches(passage):
-        length = length_between(path, low, high)
+        length = measure_between(path, low, high)
         if max(length) > max(back[0]):
             back = length, float(low), float(t)
-    missing = length_between(path, begin, span[0]), length_between(path, end, span[1]), back[0]
+    missing = measure_between(path, begin, span[0]), measure_between(path, end, span[1]), back[0]
     return Coverage(begin, end, span, back[1], back[2], missing)
 
 
@@ -301,7 +301,7 @@ def _find_backward_stretches(passage: Passage) -> Array:
     return np.asarray(back[np.argsort(back[:, 2] - back[:, 1], kind="stable")[:FALLS]])
 
 
-def length_between(path: Path, a: float, b: float) -> tuple[float, float]:
+def measure_between(path: Path, a: float, b: float) -> tuple[float, float]:
     """Return how far the tool moves and turns between two positions along a path, by Simpson's rule."""
     if a == b:
         return 0.0, 0.0
@@ -449,9 +449,9 @@ class MotionAnalysis(LimitedMotion):
         vars(motion).update({name: known[name] for name in ("rest", "knot_positions") if name in known})
         return motion
 
-    def slowed(self, factor: float) -> MotionAnalysis:
+    def stretched(self, factor: float) -> MotionAnalysis:
         """Return the motion stretched in time by a factor."""
-        return MotionAnalysis(self.robot, self.trajectory.slowed(factor), self._path, *self._accuracy)
+        return MotionAnalysis(self.robot, self.trajectory.stretched(factor), self._path, *self._accuracy)
 
     @property
     def has_path(self) -> bool:
@@ -550,7 +550,7 @@ class MotionAnalysis(LimitedMotion):
 
     def torque_stretch(self, bound: Array, *, rate: bool) -> float:
         """Return the least factor by which the motion is stretched in time to respect the torque or rate limits (2, n)."""
-        return stretch_factor(self.torques, bound, rate=rate)
+        return find_torque_stretch(self.torques, bound, rate=rate)
 
     @cached_property
     def jumps(self) -> Flags:
@@ -559,7 +559,7 @@ class MotionAnalysis(LimitedMotion):
 
     def steps(self, order: int) -> Array:
         """Return the discontinuities (m + 1, n) of the joints' derivative of one order at the knots."""
-        return steps(self.trajectory, order)
+        return find_discontinuities(self.trajectory, order)
 
     @cached_property
     def rest(self) -> tuple[bool, bool]:

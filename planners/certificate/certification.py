@@ -86,7 +86,9 @@ class SectionTimes(NamedTuple):
     end: float
 
 
-def find_stops(path: ProgramPath, trajectory: Trajectory, span: tuple[float, float] | None) -> list[SectionTimes]:
+def find_section_times(
+    path: ProgramPath, trajectory: Trajectory, span: tuple[float, float] | None
+) -> list[SectionTimes]:
     """Return the times of the sections that a motion covers."""
     which = path.find_sections((0.0, path.end) if span is None else span)
     knots, rests = trajectory.knots, _find_rests(trajectory)
@@ -302,7 +304,7 @@ def _certify_sections(
     before: tuple[MotionLimits, float] | None, criteria: dict[str, Any],
 ) -> Certificate:  # fmt: skip
     """Return the certificate of a motion that stops at the end of each section."""
-    which, times = path.find_sections(span), find_stops(path, trajectory, span)
+    which, times = path.find_sections(span), find_section_times(path, trajectory, span)
     proofs = []
     for i, (begin, _, end) in zip(which, times, strict=True):
         motion = cut_between(trajectory, begin, end)

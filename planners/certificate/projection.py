@@ -13,7 +13,7 @@ from optik.types import Array, Flags, Indices
 from planners.certificate.bounds import Instants
 from planners.paths.base import Path
 from planners.paths.points import PointsOf, without_rotation
-from planners.paths.poses import MOST_CELLS, chords, divide, embed_poses
+from planners.paths.poses import MOST_CELLS, chords, divide_pieces, embed_poses
 
 # ---------------- the positions of a motion on the chords of a path
 
@@ -398,7 +398,7 @@ class NearestJoints(Nearest):
         """Return the positions (k,) of a whole motion, by the search of `positions_along` in joint space."""
         length = np.diff(self._breaks)
         cells = np.clip(np.ceil(length * np.sqrt(self._bend / (8.0 * BEND))), 1, MOST_CELLS).astype(int)
-        edges = divide(self._breaks, cells)
+        edges = divide_pieces(self._breaks, cells)
         off = float((self._bend * (length / cells) ** 2).max()) / 8.0
         z, q = np.ascontiguousarray(self._joints(edges, 0)), np.ascontiguousarray(instants.joints[:, 0])
         found = find_positions(edges, z, q, BEND + 2.0 * off)  # twice, since the second derivative is sampled

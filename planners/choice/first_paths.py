@@ -240,7 +240,7 @@ def find_first_paths(
             legs.append([way for way in found.paths if last or (way[-1] == q).all()])
         for way in itertools.zip_longest(*legs):
             chosen = [legs[i][-1] if leg is None else leg for i, leg in enumerate(way)]
-            yield FirstPath(round_corners(path, chosen, scene), samples)
+            yield FirstPath(round_legs(path, chosen, scene), samples)
             samples = 0
         if all(len(leg[0]) == 2 for leg in legs):
             return  # straight, which no other search shortens
@@ -256,7 +256,7 @@ def _explain(found: SearchResult, i: int, s: float, last: bool) -> PlanFailure:
     return PlanFailure(status, s, None, reason, VIA_ADVICE if via else found.advice)
 
 
-def round_corners(path: PointToPoint, legs: list[Array], scene: Scene) -> PointToPoint:
+def round_legs(path: PointToPoint, legs: list[Array], scene: Scene) -> PointToPoint:
     """Return a spline near the polylines of the legs, through the via points and collision-free at samples."""
     corners = np.concatenate([legs[0][:1], *(leg[1:] for leg in legs)])
     s = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1)))

@@ -10,7 +10,7 @@ import numpy as np
 from optik.arm.robot import Robot
 from optik.dynamics import Bodies
 from optik.types import Array, Flags, Indices
-from planners.choice.columns import Local, Scales, Window, fill, fill_further, joint_changes, tool_changes, trace
+from planners.choice.columns import Local, Scales, Window, fill, fill_further, joint_changes, tool_changes, trace_path
 from planners.choice.torques import torque_changes
 from planners.limits import ALL_LIMITS, PathPoints, kind_of
 from planners.limits.base import middle_and_half, sides
@@ -158,7 +158,7 @@ class FreeProgramme:
             rows = np.zeros((K + 1, 4, *self.tool.rows.shape))
             rows[:, 0] = self.tool.rows
             q = np.ascontiguousarray(np.swapaxes(near, 0, 1))
-            if not trace(self.robot.chain, poses, twists, rows, np.ascontiguousarray(f[:, :, d:]), q):
+            if not trace_path(self.robot.chain, poses, twists, rows, np.ascontiguousarray(f[:, :, d:]), q):
                 return None
             path = np.ascontiguousarray(np.swapaxes(q, 0, 1))
         points = PathPoints(self.line, self.s, (path[0], path[1], path[2], path[3]))

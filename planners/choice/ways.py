@@ -22,8 +22,8 @@ from planners.choice.choose import (
     FreedomResult,
     P,
     Timed,
-    choice_for,
-    choose,
+    choose_coefficients,
+    make_choice,
     pick_plan,
     report,
 )
@@ -31,7 +31,7 @@ from planners.choice.columns import joint_changes
 from planners.choice.first_paths import MOST_WAYS, SearchReport, find_easy, find_first_paths
 from planners.choice.programme import FreeProgramme
 from planners.choice.rows import ClearanceLimits, NearPairs, pair_rooms
-from planners.choice.solve import solve
+from planners.choice.solve import solve_coefficients
 from planners.following.follow import FollowResult, PlanFailure
 from planners.following.resolve.freedoms import FreeWay
 from planners.paths.base import Path
@@ -197,7 +197,7 @@ def find_guess(found: Timed | None, near: float, s: Array) -> tuple[Array, Array
     return found.path.coefficients, np.stack([found.joint_path(s, order) for order in range(4)])
 
 
-def choose_around(
+def choose_in_scene(
     choice: Choice, scene: Scene, fixed: P, plan_along: Callable[[FreePath | PointToPoint, Array], P],
     guess: tuple[Array, Array] | None = None, enough: float = 0.0,
 ) -> tuple[P, FreedomResult, int]:  # fmt: skip
@@ -239,7 +239,7 @@ def _clear(
     cuts = Cuts(choice.robot, scene, near[0], pairs)
     for rounds in range(1, MOST_CUTS + 1):
         programme = FreeProgramme(choice.optimum.programme, *choice.parts, *choice.statics, cuts.limits(choice))
-        solution = solve(programme, p, choice.bounds, near, damping=choice.damping, enough=enough)
+        solution = solve_coefficients(programme, p, choice.bounds, near, damping=choice.damping, enough=enough)
         if solution is None:
             break
         steps += solution.steps
@@ -315,7 +315,7 @@ class PathPlanner(Protocol[R]):
         """Return the plan of a joint path, and the optimum if the law has one."""
 
 
-def choose_path(
+def choose_on_path(
     planner: PathPlanner[Q], path: FreePath | PointToPoint, followed: FollowResult, scene: Scene | None,
     ways: Sequence[FreeWay] = (), *, held: bool, retime: Callable[[Q], Q] | None = None,
 ) -> Q:  # fmt: skip
@@ -337,7 +337,9 @@ def choose_path(
         found += [one for way in easy if (one := plan_along(path.with_coefficients(way.fit(path), None), way.q[0]))]
     if scene is None or path.segments <= FEW_SEGMENTS:
         ways = [*easy, *ways]
-        more, made = choose(path, fixed.joint_path, optimum, fixed, held=held, plan_along=plan_along, ways=ways)
+        more, made = choose_coefficients(
+            path, fixed.joint_path, optimum, fixed, held=held, plan_along=plan_along, ways=ways
+        )
         found += more
     plans = found if retime is None else [retime(plan) for plan in found]
     best, before = pick_plan([plan for plan in plans if plan] or plans[:1]), plans[0]
@@ -354,7 +356,7 @@ def choose_path(
     return replace(best, freedom=report(best, made, duration))
 
 
-def choose_way(
+def choose_searched(
     planner: PathPlanner[Q], path: FreePath | PointToPoint, followed: FollowResult, scene: Scene,
     search: SearchLike, winding: str, ways: Sequence[FreeWay] = (), *, held: bool, optimal: bool,
 ) -> tuple[Q | PlanFailure, SearchReport]:  # fmt: skip
@@ -407,9 +409,9 @@ def _plan_around(
         if optimum is None:
             made = replace(fixed, freedom=report(fixed)) if fixed.has_motion else fixed
             return best or made, rounds
-        choice, least = choice_for(path, fixed.joint_path, optimum, held=held, ways=ways), fixed.least_duration or 0.0
+        choice, least = make_choice(path, fixed.joint_path, optimum, held=held, ways=ways), fixed.least_duration or 0.0
         guess = find_guess(best, NOT_FAR * least, optimum.programme.s)
-        made, result, spent = choose_around(choice, scene, fixed, plan_along, guess, FAST * least)
+        made, result, spent = choose_in_scene(choice, scene, fixed, plan_along, guess, FAST * least)
         made, rounds = replace(made, freedom=result), rounds + spent
         best = made if made and (best is None or made.trajectory.duration < best.trajectory.duration) else best
         if made and not ENOUGH_NEAR * least < made.trajectory.duration <= MAY_GAIN * before:

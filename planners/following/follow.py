@@ -37,7 +37,7 @@ from planners.following.joint_path import Course, IKRecord, JointPath, Nodes, ma
 from planners.following.redundancy import MOST_REFINEMENTS, find_null_space_motions
 from planners.following.resolve import Resolution
 from planners.following.resolve.graph import Sequence
-from planners.following.track import FollowedTrack, TrackEnd, find_exit, smallest_singular_value, track
+from planners.following.track import FollowedTrack, TrackEnd, find_exit, singular_value_at, track
 from planners.paths.base import Path
 from planners.paths.coordinates import CoordinateRange
 from planners.paths.free_path import FreePath
@@ -306,7 +306,7 @@ class Follower:
             away = march.largest_motion(result.q, tracked[i])
             free = redundant
             if away > SAME_BRANCH or not result:
-                sigma = 0.0 if redundant else smallest_singular_value(robot, tracked[i])
+                sigma = 0.0 if redundant else singular_value_at(robot, tracked[i])
                 free = sigma < DRIFT_BELOW
                 if sigma < RETRY_BELOW and (away > march.LARGEST_STEP or not result):
                     result = solve(target, tracked[i])

@@ -42,7 +42,7 @@ class PathPoint(NamedTuple):
     dq: Array
 
 
-def smallest_singular_value(robot: Robot, q: Array) -> float:
+def singular_value_at(robot: Robot, q: Array) -> float:
     """Return the smallest singular value of the Jacobian."""
     return float(smallest_singular_values(robot, q[None])[0])
 
@@ -100,7 +100,7 @@ def find_regular_roots(robot: Robot, pose: Array, least: float, near: Array | No
     found = _closed_form(robot).branches(pose, near)
     singular = found.free.copy()
     for k in range(len(singular)):
-        singular[k] |= smallest_singular_value(robot, found.q[k]) < least
+        singular[k] |= singular_value_at(robot, found.q[k]) < least
     return np.asarray(found.q[~singular]), bool(singular.any())
 
 
@@ -281,7 +281,7 @@ class _Tracker:
         )
         self._keep(nodes.s[1:good], q[1:good], dq[1:good])
         near_singular = self.least < march.REGULAR and good > 1
-        if near_singular and smallest_singular_value(self.robot, q[good - 1]) >= march.REGULAR:
+        if near_singular and singular_value_at(self.robot, q[good - 1]) >= march.REGULAR:
             self.least = march.REGULAR
         i = good - 1
         if code == march.DONE:

@@ -22,11 +22,11 @@ from planners.limits.kinds import (
     FIELD_LIMITS,
     LOADED,
     TOOL_SPEEDS,
-    bound_at,
-    bounds_on_pieces,
     inside_ends,
     kind_of,
+    limit_at,
     limit_names,
+    limits_on_pieces,
 )
 from planners.paths.base import Path
 from planners.trajectory.curve import monomials
@@ -373,13 +373,13 @@ def check_path(limits: MotionLimits, path: Path) -> None:
     for name in TOOL_SPEEDS:
         value = limits.value(name)
         if np.ndim(value):
-            bounds_on_pieces(path, np.asarray(value), name)
+            limits_on_pieces(path, np.asarray(value), name)
 
 
 def tool_limits_at(limits: MotionLimits, path: Path, s: Array) -> Array:
     """Return the greatest tool speeds (k, 2) [m/s, rad/s] at positions (k,) along a path; at a break the lesser of two."""
     given = zip(TOOL_SPEEDS, map(limits.value, TOOL_SPEEDS), limits.tool, strict=True)
-    each = [bound_at(path, np.asarray(v), s, name) if np.ndim(v) else np.full(s.size, most) for name, v, most in given]
+    each = [limit_at(path, np.asarray(v), s, name) if np.ndim(v) else np.full(s.size, most) for name, v, most in given]
     return np.stack(each, axis=1)
 
 

@@ -66,7 +66,7 @@ class Event(NamedTuple):
     before: float = 0.0
     shift: float = 0.0
 
-    def slowed(self, factor: float) -> Event:
+    def stretched(self, factor: float) -> Event:
         """Return the event of the motion stretched in time by a factor; a given time stays.
 
         Parameters
@@ -284,7 +284,7 @@ MOST_SPEED_UPS = 4
 """Most times that such a motion is sped up again; each adds a few digits."""
 
 
-def stretch_factor(motion: MotionAnalysis, limits: MotionLimits, enforced: tuple[str, ...] | None = None) -> float:
+def find_stretch_factor(motion: MotionAnalysis, limits: MotionLimits, enforced: tuple[str, ...] | None = None) -> float:
     """Return the least factor by which a motion from rest to rest is stretched in time to respect the limits."""
     if enforced is not None:
         check_names(enforced, "enforced")
@@ -300,7 +300,7 @@ def is_within(motion: MotionAnalysis, limits: MotionLimits, names: tuple[str, ..
     return all(float(np.nanmax(kind.judge(motion, bounds[kind.name]).ratio)) <= 1.0 for kind in chosen)
 
 
-def fit_to_limits(
+def stretch_to_limits(
     robot: Robot,
     trajectory: Trajectory,
     limits: MotionLimits,
@@ -308,28 +308,30 @@ def fit_to_limits(
     path: Path | None = None,
 ) -> Trajectory:
     """Return a motion from rest to rest, scaled in time to reach a limit and exceed none."""
-    return fit(MotionAnalysis(robot, trajectory, path), limits, enforced).trajectory
+    return stretch_analysed(MotionAnalysis(robot, trajectory, path), limits, enforced).trajectory
 
 
-def fit(motion: MotionAnalysis, limits: MotionLimits, enforced: tuple[str, ...] | None = None) -> MotionAnalysis:
+def stretch_analysed(
+    motion: MotionAnalysis, limits: MotionLimits, enforced: tuple[str, ...] | None = None
+) -> MotionAnalysis:
     """Return a motion from rest to rest, scaled in time to reach a limit and exceed none, with its analysis."""
-    factor = stretch_factor(motion, limits, enforced)
+    factor = find_stretch_factor(motion, limits, enforced)
     if not factor > 0.0:
         return motion
     margin = 0.0
     while True:
         if not np.isfinite(factor):
             raise NoSolution("a limit is exceeded at any speed", advice="another path, or higher limits")
-        motion = motion.slowed(factor * (1.0 + margin))
-        factor = stretch_factor(motion, limits, enforced)
+        motion = motion.stretched(factor * (1.0 + margin))
+        factor = find_stretch_factor(motion, limits, enforced)
         if factor <= 1.0:
             break
         margin = 10.0 * margin if margin else FIRST_MARGIN  # rounding in the scaled motion may still exceed a limit
     for _ in range(MOST_SPEED_UPS):
         if not 0.0 < factor < 1.0 - SPARE:
             break
-        closer = motion.slowed(factor)
-        factor = stretch_factor(closer, limits, enforced)
+        closer = motion.stretched(factor)
+        factor = find_stretch_factor(closer, limits, enforced)
         if factor > 1.0:
             break
         motion = closer

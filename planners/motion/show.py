@@ -16,8 +16,8 @@ from optik.scene import Scene
 from optik.types import Array
 from optik.view.page import find_torques
 from optik.view.show import Show, Track
-from planners.certificate.certificate import Certificate, limit_bars, summary_lines, tool_facts
-from planners.certificate.certification import find_stops
+from planners.certificate.certificate import Certificate, limit_bars, proof_facts, summary_lines
+from planners.certificate.certification import find_section_times
 from planners.limits import MotionLimits, sides
 from planners.motion.motion import HasMotion, Motion, get_motion
 from planners.paths.base import Path
@@ -94,7 +94,7 @@ def motion_card(title: str, motion: Motion, proof: Certificate) -> Card:
             plots.append(Plot(f"{quantity.title} / limit", t, ratios, (-1.0, 1.0)))
     verdict = f"{summary_lines(proof)[0]}; {proof.duration:.4g} s"
     return Card(
-        title=title, verdict=verdict, good=proof.is_valid, bars=limit_bars(proof), facts=tool_facts(proof), plots=plots,
+        title=title, verdict=verdict, good=proof.is_valid, bars=limit_bars(proof), facts=proof_facts(proof), plots=plots,
         names=motion.robot.joint_names,
     )  # fmt: skip
 
@@ -306,7 +306,7 @@ def _program_facts(motion: Motion) -> tuple[tuple[str, str], ...]:
         return ()
     path = motion.path
     which = path.find_sections((0.0, path.end) if motion.span is None else motion.span)
-    times = find_stops(path, motion.trajectory, motion.span)[:-1]
+    times = find_section_times(path, motion.trajectory, motion.span)[:-1]
     stops = ", ".join(f"{time.rest:.3f} s" for time in times)
     size = f"{format_count(path.segments, 'part')}, {format_count(len(path.sections), 'section')}"
     rows = [("Program", f"{size}{f'; stops at {stops}' if stops else ''}")]

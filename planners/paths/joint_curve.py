@@ -30,7 +30,7 @@ def tool_twists(robot: Robot, joints: Array) -> Array:
     return twists
 
 
-def tool_bounds(robot: Robot, most: Array, width: Array, twists: Array) -> Array:
+def bound_tool_derivatives(robot: Robot, most: Array, width: Array, twists: Array) -> Array:
     """Return bounds (m, 2, 4) on the derivatives of position and rotation on pieces of a curve of the joints.
 
     The fourth is by reach alone. A lower one is at most its largest sample, plus half the distance of the samples times the
@@ -207,7 +207,9 @@ class JointCurve(PiecewisePath):
         h = np.diff(self.s)
         s = self.s[:-1, None] + h[:, None] * (np.arange(PIECE_SAMPLES + 1) / PIECE_SAMPLES)
         s[:, -1] = self.s[1:]
-        return tool_bounds(self.robot, self._hulls[2], h, tool_twists(self.robot, self.coordinates(s.ravel())))
+        return bound_tool_derivatives(
+            self.robot, self._hulls[2], h, tool_twists(self.robot, self.coordinates(s.ravel()))
+        )
 
     def piece_bounds(self) -> Array:
         """Return bounds (k − 1, 2, 4) on the derivatives of position and rotation between breaks."""

@@ -24,7 +24,7 @@ from planners.certificate.certification import certify
 from planners.certificate.violation import required_limits, words_for
 from planners.choice.choose import CHOSEN, ChoiceReport, pick_plan, report
 from planners.choice.first_paths import DEFAULT_SEARCH, advise_elbow
-from planners.choice.ways import DENSITIES, FEW_SEGMENTS, choose_path, choose_way
+from planners.choice.ways import DENSITIES, FEW_SEGMENTS, choose_on_path, choose_searched
 from planners.following.branches import CollisionCheck
 from planners.following.failure import PlanFailure
 from planners.following.follow import START_TOLERANCE, FollowResult, FollowStatus, make_follower
@@ -33,7 +33,7 @@ from planners.following.resolve.freedoms import FreeWay, Resolver, can_resolve
 from planners.following.resolve.graph import Sequence
 from planners.limits import SAME_SPEED, MotionLimits
 from planners.motion import PlanStatus
-from planners.motion.motion import check_statics, fit, stretch_factor
+from planners.motion.motion import check_statics, find_stretch_factor, stretch_analysed
 from planners.paths.base import Path
 from planners.paths.free_path import FEWEST_JOINTS, FreePath
 from planners.paths.point_to_point import PointToPoint
@@ -95,7 +95,11 @@ class PlanRequest:
         return (*enforced, *required_limits(given, self.allow))
 
     def certify_motion(
-        self, joints: JointPath, trajectory: Trajectory, slowed: float = 1.0, analysis: MotionAnalysis | None = None
+        self,
+        joints: JointPath,
+        trajectory: Trajectory,
+        stretch_factor: float = 1.0,
+        analysis: MotionAnalysis | None = None,
     ) -> Plan:
         """Certify the law's motion, slowed by a factor, and return its plan, which is solved if the certificate is valid."""
         started = perf_counter()
@@ -107,7 +111,7 @@ class PlanRequest:
         status, failure = judge_certificate(proof, self.law.list_enforced(self.limits))
         return Plan(
             self.robot, self.path, self.limits, status, self.solver, label(self.law), joints, failure, trajectory, proof,
-            slowed, self.span, self.law.speed, self.scene, seconds, self.before, self.start_error, self.stop_kind,
+            stretch_factor, self.span, self.law.speed, self.scene, seconds, self.before, self.start_error, self.stop_kind,
         )  # fmt: skip
 
     def infeasible(
@@ -203,7 +207,7 @@ class MotionPlanner:
             found = planner._avoid(path, followed, ways, held)
         else:
             retime = None if planner is self and self._density(path) == 1.0 else self._retime
-            found = choose_path(planner, path, followed, self.request.scene, ways, held=held, retime=retime)
+            found = choose_on_path(planner, path, followed, self.request.scene, ways, held=held, retime=retime)
         if planner is not self and isinstance(path, FreePath) and (around or not found):
             found = self._time_again(found, path, followed)
         if _is_chosen(path) or isinstance(path, PointToPoint):
@@ -293,19 +297,19 @@ class MotionPlanner:
                 raw, optimum = law.run_with_optimum(joints, request.limits, density)
             else:
                 raw = law.run_with_analysis(joints, request.limits)
-            factor = stretch_factor(raw, request.limits, enforced)
+            factor = find_stretch_factor(raw, request.limits, enforced)
             if factor > 1.0 and self.strict:
                 proof = certify(request.robot, path, raw.trajectory, request.limits, enforced=enforced)
                 advice = f"strict=False slows the motion by {factor:.9g}; or another law"
                 return request.refuse(joints, proof, advice), None
-            motion = fit(raw, request.limits, enforced) if factor > 1.0 else raw
+            motion = stretch_analysed(raw, request.limits, enforced) if factor > 1.0 else raw
             trajectory, analysis = motion.trajectory, motion if duration is None else None
-            slowed = trajectory.duration / raw.trajectory.duration
+            stretch = trajectory.duration / raw.trajectory.duration
             if duration is not None:
                 trajectory = _scale_to_duration(trajectory, duration, law)
         except NoSolution as error:
             return request.infeasible(joints, error), None
-        return request.certify_motion(joints, trajectory, slowed, analysis), optimum
+        return request.certify_motion(joints, trajectory, stretch, analysis), optimum
 
     def _avoid(self, path: FreePath | PointToPoint, followed: FollowResult, ways: list[FreeWay], held: bool) -> Plan:
         """Return the fastest collision-free plan from the initial paths that are searched."""
@@ -313,7 +317,9 @@ class MotionPlanner:
         assert scene is not None
         search = DEFAULT_SEARCH if isinstance(request.avoid, bool) else request.avoid
         optimal = isinstance(request.law, Optimal)
-        best, made = choose_way(self, path, followed, scene, search, request.winding, ways, held=held, optimal=optimal)
+        best, made = choose_searched(
+            self, path, followed, scene, search, request.winding, ways, held=held, optimal=optimal
+        )
         if isinstance(best, PlanFailure):
             best = request.fail(PlanStatus(best.status), None, best)
         return replace(best, search=made, failure=advise_elbow(best.failure, best.path, request.robot))
@@ -400,4 +406,4 @@ def _scale_to_duration(trajectory: Trajectory, duration: float, law: TimeLaw) ->
             f"a duration of {duration:.6g} s is too short: the shortest motion of {law.name} takes {least:.4f} s",
             advice="a longer duration, or higher limits",
         )
-    return trajectory.slowed(duration / trajectory.duration)
+    return trajectory.stretched(duration / trajectory.duration)

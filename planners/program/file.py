@@ -48,7 +48,7 @@ from planners.paths.polyline import Polyline
 from planners.paths.spline import Spline
 from planners.paths.waypoints import read_waypoints
 from planners.program.events import MOST_EVENTS, PASSED, PathEvent, PeriodicEvent, Scheduled, TimedEvent, find_part
-from planners.program.parts import KEEP, Dwell, Item, Move, Part, Program, ToolChange, displace, find_path
+from planners.program.parts import KEEP, Dwell, Item, Move, Part, Program, ToolChange, displace, make_part_path
 
 FILE_KEYS = ("robot", "start", "configurations", "frames", "part", "event")
 """Keys of a file."""
@@ -260,7 +260,7 @@ class _Reader:
                 pose = None if pose is None else pose @ se3.inverse(robot.tool) @ changed.tool
                 robot = changed
             elif isinstance(item, Part):
-                self.paths.append((item, find_path(item, pose)))
+                self.paths.append((item, make_part_path(item, pose)))
                 pose = _end_of(item, robot, pose)
         return items
 

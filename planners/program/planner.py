@@ -20,7 +20,7 @@ from optik.ik import get_solver, solve_ik
 from optik.ik.problem import check_start
 from optik.scene import Scene
 from optik.types import Array
-from planners.certificate.certification import SectionTimes, find_stops, limits_of_parts, merge_certificates
+from planners.certificate.certification import SectionTimes, find_section_times, limits_of_parts, merge_certificates
 from planners.following.branches import CollisionCheck
 from planners.following.failure import PlanFailure
 from planners.following.joint_path import JointPath
@@ -48,7 +48,7 @@ from planners.program.events import (
     list_places,
     round_to_periods,
 )
-from planners.program.following import FailedPart, Leg, Options, PartFollower, PlanAlone
+from planners.program.following import FailedPart, FollowOptions, Leg, PartFollower, PlanAlone
 from planners.program.joining import Corner, Sharp, join_parts, round_corners, sharpen
 from planners.program.parts import Dwell, Item, Move, Part, Program
 from planners.trajectory import Trajectory, append_rest, join, make_rest
@@ -232,7 +232,7 @@ class ProgramPlan(Plan):
     def times(self) -> tuple[SectionTimes, ...]:
         """When each section of `moving_sections` begins, when its motion ends, and when the wait after it ends [s]."""
         assert isinstance(self.path, ProgramPath)
-        return tuple(find_stops(self.path, self.trajectory, self.span))
+        return tuple(find_section_times(self.path, self.trajectory, self.span))
 
     @cached_property
     def joint_path(self) -> JointPath:
@@ -290,7 +290,7 @@ def build_plan(
     first, last = moving[0], moving[-1]
     return ProgramPlan(
         first.robot, path, limits, status, first.solver, first.law, None, failure, trajectory, proof,
-        max(section.slowed for section in moving), span, first.speed, scene, seconds, first.before, first.start_error,
+        max(section.stretch_factor for section in moving), span, first.speed, scene, seconds, first.before, first.start_error,
         last.stop_kind, sections=tuple(sections), waits=tuple(waits), parts=tuple(parts), corners=tuple(corners),
     )  # fmt: skip
 
@@ -388,7 +388,7 @@ NARROWER, MOST_NARROWER = 0.4, 3
 
 
 def plan_program(
-    robot: Robot, program: Program, q_start: Any, alone: PlanAlone, options: Options, duration: float | None
+    robot: Robot, program: Program, q_start: Any, alone: PlanAlone, options: FollowOptions, duration: float | None
 ) -> ProgramPlan:
     """Return the plan of a program."""
     q = None if q_start is None else check_start(robot, q_start, "q_start")
@@ -400,7 +400,7 @@ def plan_program(
     legs, failed = planner.follower.follow_all(q)
     found = planner.fail(failed, legs) if failed is not None else planner.plan_sections(legs)
     if found and duration is not None:
-        found = slow_sections(found, duration)
+        found = stretch_sections(found, duration)
     _, timing, proof = found.seconds
     return replace(found, seconds=PlanSeconds(perf_counter() - started - timing - proof, timing, proof))
 
@@ -417,7 +417,7 @@ class ProgramPlanner:
         return self.follower.program
 
     @property
-    def options(self) -> Options:
+    def options(self) -> FollowOptions:
         """What the program is planned with."""
         return self.follower.options
 
@@ -563,7 +563,7 @@ class ProgramPlanner:
         return replace(self.options.limits, **own) if own else self.options.limits
 
 
-def slow_sections(found: ProgramPlan, duration: float) -> ProgramPlan:
+def stretch_sections(found: ProgramPlan, duration: float) -> ProgramPlan:
     """Return the plan with all sections, but no wait, slowed by one factor, so that the whole has a duration [s]."""
     waits = sum(found.waits)
     factor = (duration - waits) / (found.duration - waits)
@@ -575,7 +575,7 @@ def slow_sections(found: ProgramPlan, duration: float) -> ProgramPlan:
         if section.speed is not None:
             got = f"{duration:g} s, with a constant tool speed"
             raise InvalidInput("duration", got, "none: the speed determines it")
-        slower = replace(section.motion, trajectory=section.trajectory.slowed(factor))
+        slower = replace(section.motion, trajectory=section.trajectory.stretched(factor))
         proof = slower.certify(rate=section.certificate.rate)
         sections.append(replace(section, _trajectory=slower.trajectory, _certificate=proof))
     return build_plan(sections, found.waits, found.parts, found.corners, found.limits, found.scene)

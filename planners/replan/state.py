@@ -74,7 +74,7 @@ class MovingState:
             return None
         rest = cut_before(self.plan.trajectory, self.t, self.at.s)
         return match_start(
-            rest if self.clock[0] == 1.0 else rest.slowed(1.0 / self.clock[0]), self.joints, self.plan.limits
+            rest if self.clock[0] == 1.0 else rest.stretched(1.0 / self.clock[0]), self.joints, self.plan.limits
         )
 
     @cached_property

@@ -12,7 +12,7 @@ import scipy
 
 from optik.errors import NoSolution
 from planners.following.joint_path import JointPath
-from planners.motion.motion import fit_to_limits, match_start, stretch_factor
+from planners.motion.motion import find_stretch_factor, match_start, stretch_to_limits
 from planners.planning.planner import PlanRequest
 from planners.planning.result import Plan
 from planners.replan.state import (
@@ -191,8 +191,8 @@ def plan_onward(request: PlanRequest, start: MovingState) -> Plan:
             return found
         if found.certificate.clearance is not None and found.certificate.clearance.touches:
             touching = found if touching is None else touching  # without success it is false
-    if start.still and (slowed := _slow_down(request, start)) is not None:
-        return slowed
+    if start.still and (stretched := _slow_down(request, start)) is not None:
+        return stretched
     if start.rest is not None and (later := _meet_limits_later(request, start)) is not None:
         return later
     if touching is not None:
@@ -228,7 +228,7 @@ def _meet_limits_later(request: PlanRequest, start: MovingState) -> Plan | None:
         return None
     if plan.span is not None and plan.span[1] < plan.joint_path.end:
         return None
-    slower = stretch_factor(start.rest_analysis, request.limits, request.enforced)
+    slower = find_stretch_factor(start.rest_analysis, request.limits, request.enforced)
     if not np.isfinite(slower):
         return None
     rate = start.clock[0]
@@ -243,7 +243,7 @@ def _meet_limits_later(request: PlanRequest, start: MovingState) -> Plan | None:
         if braking.motion is None or braking.end >= running.end - ENDED:
             continue
         s = s_at(plan, braking.end)
-        slow = cut_before(running, braking.end, s).slowed(1.0 / goal)
+        slow = cut_before(running, braking.end, s).stretched(1.0 / goal)
         first = match_start(braking.motion, start.joints, limits) if delay == 0.0 else braking.motion
         first = join(cut_after(rest, delay), first) if delay else first
         found = _continue_slowly(request, start, first, s, slow)
@@ -274,7 +274,7 @@ def _slow_down(request: PlanRequest, start: MovingState) -> Plan | None:
     enforced = request.enforced
     for found in _start_from_rest(request, start.plan.joint_path, start.at):
         try:
-            slower = fit_to_limits(request.robot, found, request.limits, enforced, request.path)
+            slower = stretch_to_limits(request.robot, found, request.limits, enforced, request.path)
         except NoSolution:
             continue
         solved = certify_motion(request, start, match_start(slower, start.joints, request.limits))

@@ -31,13 +31,13 @@ from planners.retarget.motion import (
     JointCubics,
     Transfer,
     build,
-    joint_rows,
     smooth_pace,
-    sweep,
+    sweep_pace,
+    write_joint_rows,
 )
-from planners.retarget.reference import MOST_SPANS, SPARE, find_scatter, fit_reference, sample_reference, track
+from planners.retarget.reference import MOST_SPANS, SPARE, find_scatter, fit_reference, sample_reference, track_targets
 from planners.retarget.result import (
-    Reference,
+    PacedReference,
     Retargeted,
     RetargetStatus,
     StreamCertificate,
@@ -362,9 +362,9 @@ class ChunkFollower:
         engine = self._engine
         box = engine.brake(box, self._X, *self._extent) if k else box
         when, s, longest = self._find_pace(box, SLOWER[k])
-        facts = self._facts | {"reference": Reference(self._c, self._h, when, s, self._error)}
+        facts = self._facts | {"reference": PacedReference(self._c, self._h, when, s, self._error)}
         targets = self._sample(s, 1)[:, 0].copy()
-        j, used, knots, count, c = track(self._X, box, when, targets, longest, self._budget)
+        j, used, knots, count, c = track_targets(self._X, box, when, targets, longest, self._budget)
         self._budget -= used + PROOF * knots.size
         if j == -2:
             words = f"not found within the budget of work of one call: {when[-1]:.3g} s in pieces of at most {longest:.2g} s"
@@ -378,13 +378,13 @@ class ChunkFollower:
         engine, s, X = self._engine, self._s, self._X
         pace = engine.pace * slower
         rows, cap, x, t = np.empty((s.size, X.shape[1], 4)), np.empty(s.size), np.empty(s.size), np.empty(s.size)
-        joint_rows(self._R, box, pace, rows, cap)
+        write_joint_rows(self._R, box, pace, rows, cap)
         rows = self._add_rows(rows, cap, OTHER_PART)
         first = pace
         if engine.pace > 1.0:
             rate = self._R[0, 1]
             first = float(np.clip(rate @ X[1] / max(rate @ rate, 1e-9), 0.05, pace))
-        sweep(s, rows, cap, first * first, min(LEAST_PACE, pace) ** 2, x, t)
+        sweep_pace(s, rows, cap, first * first, min(LEAST_PACE, pace) ** 2, x, t)
         ramp = np.minimum(box[:, 2, 1], -box[:, 2, 0]) / np.minimum(box[:, 3, 1], -box[:, 3, 0])
         width = max(float(ramp.max()), SHORTEST_WINDOW)
         longest = engine.longest * max(1.0, float(t[-1] / (SLOW[0] + SLOW[1] * min((s[-1] - s[0]) / self._h, COUNTED))))

@@ -263,7 +263,7 @@ class Transfer:
         held = np.diff(np.column_stack([ends, np.full(self.n, hold)]), axis=1, prepend=0.0), np.pad(j, ((0, 0), (0, 1)))
         then = state
         if hold >= SAME_TIME:
-            moving = join(state, np.full((3, self.n), np.nan), *held).trajectory
+            moving = join_states(state, np.full((3, self.n), np.nan), *held).trajectory
             then = np.stack([moving(moving.end, order) for order in range(3)])
         stop = self._velocity_phases(then, np.zeros((3, self.n)))
         if stop is None:
@@ -271,7 +271,7 @@ class Transfer:
         h, j = (np.concatenate(parts, axis=1) for parts in zip(held, stop, strict=True))
         goal = np.zeros((3, self.n))
         goal[0] = np.nan
-        motion = join(state, goal, h, j)
+        motion = join_states(state, goal, h, j)
         goal[0] = motion.trajectory(motion.end)
         low, high = self._limits[:, 0, 0] + INSIDE, self._limits[:, 0, 1] - INSIDE
         outside = (goal[0] < low) | (goal[0] > high)
@@ -287,7 +287,7 @@ class Transfer:
         goal[0] = np.nan  # to end exactly there would take a jerk beyond the limit
         for old, new in zip((h, j), _phases(answer), strict=True):
             old[outside], old[outside, : new.shape[1]] = 0.0, new[outside]
-        return join(state, goal, h, j)
+        return join_states(state, goal, h, j)
 
     def _problem(self, state: Array, goal: Array) -> Any:
         problem = self._ruckig.InputParameter(self.n)
@@ -321,10 +321,10 @@ def _phases(answer: Any) -> tuple[Array, Array]:
 
 def build(state: Array, goal: Array, answer: Any) -> JointCubics:
     """Return Ruckig's trajectory from a state (3, n) to a goal (3, n), exact at both."""
-    return join(state, goal, *_phases(answer))
+    return join_states(state, goal, *_phases(answer))
 
 
-def join(state: Array, goal: Array, h: Array, j: Array) -> JointCubics:
+def join_states(state: Array, goal: Array, h: Array, j: Array) -> JointCubics:
     """Return the motion of phases of constant jerk, durations h and jerks j (n, k), from a state (3, n) to a goal (3, n)."""
     n, k = h.shape
     knots, count, c = np.zeros((n, 3 * k + 1)), np.zeros(n, dtype=np.int64), np.zeros((n, 4, 3 * k))
@@ -358,7 +358,7 @@ def _bracket(row: Array, x: float, low: float, high: float) -> tuple[float, floa
 
 
 @parallel
-def sweep(s: Array, rows: Array, cap: Array, first: float, slowest: float, x: Array, t: Array) -> None:
+def sweep_pace(s: Array, rows: Array, cap: Array, first: float, slowest: float, x: Array, t: Array) -> None:
     """Write the largest ṡ² x (k,) along places s (k,), from `first` to rest, and before it not below `slowest`; and times t.
 
     Each place has rows (k, m, 4) over s̈, ṡ², ṡ and 1, which are respected where their values are in [−1, 1], and a largest
@@ -397,7 +397,7 @@ def sweep(s: Array, rows: Array, cap: Array, first: float, slowest: float, x: Ar
 
 
 @parallel
-def joint_rows(R: Array, limits: Array, pace: float, rows: Array, cap: Array) -> None:
+def write_joint_rows(R: Array, limits: Array, pace: float, rows: Array, cap: Array) -> None:
     """Write the rows of the accelerations, and the largest ṡ² by velocities, jerks and the pace.
 
     Shapes and units: R (k, 4, n) [rad/s^i, m/s^i], limits (n, 4, 2) of position, velocity, acceleration and jerk, lower and

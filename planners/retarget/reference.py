@@ -248,7 +248,7 @@ def make_objective(T: Array, when: Array, weight: Array, A: Array, H: Array, B: 
 
 
 @parallel
-def track(
+def track_targets(
     state: Array, limits: Array, when: Array, target: Array, longest: float, budget: int
 ) -> tuple[int, int, Array, Indices, Array]:
     """Compute the joint motions nearest to targets, from a state to rest; one without a motion from the state is stopped first.

@@ -172,7 +172,7 @@ class RetargetStatus(StrEnum):
     KEPT = "kept"
 
 
-class Reference(NamedTuple):
+class PacedReference(NamedTuple):
     """The paced reference of a chunk.
 
     ``c`` (k, n) are the coefficients of a uniform quintic B-spline with intervals ``h`` [s] of the chunk's time. ``s`` is the
@@ -247,7 +247,7 @@ class Retargeted:
     certificate: StreamCertificate
     skipped: int = 0
     repaired: int = 0
-    reference: Reference | None = field(default=None, repr=False)
+    reference: PacedReference | None = field(default=None, repr=False)
     clipped: int = 0
     jumps: int = 0
     scatter: float = 0.0

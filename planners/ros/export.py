@@ -23,14 +23,14 @@ from optik.scene.files import LONGEST_DURATION, NANOSECONDS
 from optik.types import Array
 from planners.certificate.analysis import JUMP, MotionAnalysis
 from planners.certificate.certificate import Certificate, check_valid
-from planners.certificate.certification import conditions_of, cut_between, find_stops
+from planners.certificate.certification import conditions_of, cut_between, find_section_times
 from planners.certificate.violation import Allow, required_limits
 from planners.following.failure import joint_unit
 from planners.limits import DERIVATIVES, SAME_SPEED
 from planners.motion import HasMotion, Motion, get_motion
-from planners.motion.motion import events_to_plain, stretch_factor
+from planners.motion.motion import events_to_plain, find_stretch_factor
 from planners.paths.program import ProgramPath
-from planners.ros.message import Form, Times, message_of, quoted, reconstruct, to_text
+from planners.ros.message import Form, Times, message_of, quote_name, reconstruct, to_text
 from planners.trajectory import Trajectory, append_rest, map_joints
 from planners.trajectory.trajectory import POINTS, count_derivatives
 
@@ -54,7 +54,7 @@ def fit_pace(motion: Motion, form: Form, rate: float | None, strict: bool) -> tu
     if motion.speed is not None and rate is not None:
         source, between = _hold_to_period(source, rate), source.knots
     if isinstance(motion.path, ProgramPath):  # the arm rests at its stops only if points are there
-        found = find_stops(motion.path, source, motion.span)[:-1]
+        found = find_section_times(motion.path, source, motion.span)[:-1]
         stops = np.array([t for stop in found for t in (stop.rest, stop.end)])
         between = between if rate is None else np.union1d(between, stops)
     factor, margin = 1.0, 1e-12
@@ -79,13 +79,13 @@ def _find_stretch(motion: Motion, executed: MotionAnalysis, judged: tuple[str, .
     """Return the stretch with which an executed motion respects its limits: for a program, the largest of its sections."""
     path, trajectory = motion.path, executed.trajectory
     if not isinstance(path, ProgramPath):
-        return stretch_factor(executed, motion.limits, judged)
+        return find_stretch_factor(executed, motion.limits, judged)
     which = path.find_sections((0.0, path.end) if motion.span is None else motion.span)
     factors = [0.0]
     for i, begin, end in zip(which, [0.0, *stops[1::2]], [*stops[::2], trajectory.end], strict=True):
         limits, _ = conditions_of(path, i, motion.limits, None)
         own = MotionAnalysis(path.robots[i], cut_between(trajectory, begin, end), path.sections[i])
-        factors.append(stretch_factor(own, limits, tuple(name for name in judged if name in limits.names)))
+        factors.append(find_stretch_factor(own, limits, tuple(name for name in judged if name in limits.names)))
     return max(factors)
 
 
@@ -144,7 +144,7 @@ def _set_pace(trajectory: Trajectory, rate: float | None, factor: float, between
         got = f"{rate}, with points {i} and {i + 1} both at {times[i]} ns"
         raise InvalidInput("rate", got, "points at least 1 ns apart" + ("" if rate else ": give a rate"))
     stretched = float(Fraction(int(times[-1]), NANOSECONDS) / Fraction(trajectory.duration))
-    return (trajectory if stretched == 1.0 else trajectory.slowed(stretched)), times
+    return (trajectory if stretched == 1.0 else trajectory.stretched(stretched)), times
 
 
 # ---------------- motions for ROS 2's joint_trajectory_controller without ROS
@@ -269,7 +269,7 @@ def ros_message(
 def _write_events(file: FilePath, motion: Motion, sent: RosExport) -> None:
     """Write the events of a motion, at their times in the motion that was sent, if it has some."""
     if motion.events:
-        text = json.dumps(events_to_plain([event.slowed(sent.factor) for event in motion.events]), indent=1)
+        text = json.dumps(events_to_plain([event.stretched(sent.factor) for event in motion.events]), indent=1)
         write_atomically(file, lambda part: part.write_text(text, encoding="utf-8"))
 
 
@@ -369,7 +369,7 @@ def _remarks(motion: Motion, rate: float | None, sent: RosExport) -> list[str]:
     at = f"at {rate:.9g} per second" if rate is not None else "at the knots of the motion"
     worst = {f: sent.certificate.worst(f)[0] for f in DERIVATIVES}
     remarks = [
-        f"{quoted(motion.robot.name)}, law {quoted(motion.law)}: {sent.points} points {at}",
+        f"{quote_name(motion.robot.name)}, law {quote_name(motion.law)}: {sent.points} points {at}",
         f"{sent.trajectory.duration:.9f} s: {sent.factor:.9g} times the {motion.trajectory.duration!r} s of the motion",
         "peak / limit after controller interpolation: " + ", ".join(f"{f} {r:.9g}" for f, r in worst.items()),
     ]

@@ -378,7 +378,7 @@ def connect(
     return samples.shape[0], -1, -1
 
 
-def trace(trees: Trees, first: int, last: int) -> Array:
+def trace_tree(trees: Trees, first: int, last: int) -> Array:
     """Return the path (k, n) from the start through configuration `first` of its tree, equal to `last` of the goals' tree."""
     nodes, parents, _counts = trees
     order: list[list[int]] = [[], []]

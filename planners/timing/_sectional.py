@@ -273,7 +273,7 @@ def _sweep_speeds(what: RampTable) -> Array:
         np.minimum(1.0 / np.maximum(what.slowness, 1e-12), 1e12), (float(most[0]), float(most[1])),
     )  # fmt: skip
     motion = np.empty((4, what.s.size))
-    _sweep.sweep(along, _sweep.speed_bounds(along, 0.8, 0.6), 6, 1.1, motion)
+    _sweep.sweep_path(along, _sweep.speed_bounds(along, 0.8, 0.6), 6, 1.1, motion)
     return np.asarray(motion[1])
 
 

@@ -270,7 +270,7 @@ class Trajectory(PiecewiseCurve):
         value = self._pieces[0][order]
         return value[..., 0], value[..., 1]
 
-    def slowed(self, factor: float) -> Trajectory:
+    def stretched(self, factor: float) -> Trajectory:
         """Return the same motion, factor times as long: velocities / factor, accelerations / factor², jerks / factor³.
 
         Parameters

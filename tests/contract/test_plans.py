@@ -276,7 +276,7 @@ def test_the_oracle_sees_every_other_figure_that_is_not_so() -> None:
         vars(changed).update(change)  # also what is computed when it is read
         bad = replace(result, _certificate=changed)
         assert oracles.contradictions(bad, q, 1e5, 4_000), change
-    slower = replace(result, _trajectory=result.trajectory.slowed(1.001))
+    slower = replace(result, _trajectory=result.trajectory.stretched(1.001))
     assert oracles.contradictions(slower, q, 1e5, 4_000)
     assert oracles.contradictions(result, q + 1e-6 if q is not None else np.zeros(6), 1e5, 4_000)
 

@@ -292,7 +292,7 @@ def test_another_initial_path_is_tried_where_the_motion_stays_far_from_its_least
 def test_the_same_scene_gives_the_same_motion_which_a_duration_slows() -> None:
     again, first = plan(panda(), GOAL, REST, limits=LIMITS, scene=wall(), avoid=True, duration=6.0), around()
     assert again and again.trajectory.duration == pytest.approx(6.0) and again.search == first.search
-    slowed = first.trajectory.slowed(6.0 / first.trajectory.duration)
+    slowed = first.trajectory.stretched(6.0 / first.trajectory.duration)
     assert (again.trajectory.coefficients == slowed.coefficients).all()
 
 

@@ -115,7 +115,7 @@ def test_bounds_of_one_wide_interval_hold_on_a_hundred_thousand_instants(kind: i
     rng, scene, tight = np.random.default_rng(shift_seed(8)), table(), []
     for _ in range(3):
         whole = drawn_motion(rng, kind)
-        motion = whole.slowed(1.0) if kind else quarter(whole)
+        motion = whole.stretched(1.0) if kind else quarter(whole)
         bound = bounds_of_one_interval(panda(), motion, scene)
         t = np.linspace(0.0, motion.end, 16_667)
         distance, _ = find_nearest_pairs(panda(), scene, motion(t))

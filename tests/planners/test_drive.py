@@ -83,7 +83,7 @@ def test_a_plan_is_slowed_to_whole_periods_and_certified_again(period: float) ->
     assert 0.0 <= slower.trajectory.end - line().trajectory.end < period
     assert slower and slower.certificate.is_valid and slower.certificate is not line().certificate
     assert slower.certificate.enforced == line().certificate.enforced
-    assert slower.slowed == pytest.approx(slower.trajectory.end / line().trajectory.end, rel=1e-12)
+    assert slower.stretch_factor == pytest.approx(slower.trajectory.end / line().trajectory.end, rel=1e-12)
     share = np.linspace(0.0, 1.0, 50)
     there = line().trajectory(share * line().trajectory.end)
     np.testing.assert_allclose(slower.trajectory(share * slower.trajectory.end), there, rtol=0.0, atol=1e-12)

@@ -238,7 +238,7 @@ def uneven():
         q = plans[-1].goal
     middle = 0.5 * (ends[1][:3, 3] + ends[2][:3, 3]) + [0.0, 0.0078, 0.0]
     paths = [plans[0].path, planners.Arc.through(ends[1], middle, ends[2])]
-    motions = [plans[0].trajectory.without_s, plans[1].trajectory.without_s.slowed(1.0 / 3.0)]
+    motions = [plans[0].trajectory.without_s, plans[1].trajectory.without_s.stretched(1.0 / 3.0)]
     whole = join(append_rest(motions[0], 0.1), motions[1])
     extra = {name: bound for name, bound in BOUNDS.items() if name not in ALL_LIMITS}
     limits = MotionLimits(**{name: BOUNDS[name] for name in ALL_LIMITS}, extra=extra)

@@ -17,7 +17,7 @@ from planners.following.branches import CollisionCheck
 from planners.following.failure import ASKED, FollowStatus, PlanFailure
 from planners.following.resolve import Resolution, resolve
 from planners.following.resolve.freedoms import columns_of, extend
-from planners.following.resolve.graph import Graph, Layer, Sampler, find_edges, join
+from planners.following.resolve.graph import Graph, Layer, Sampler, find_edges, join_layers
 from planners.freedom.base import Freedom
 from planners.motion.show import show_motion
 from planners.paths.base import Path
@@ -183,7 +183,7 @@ def test_an_edge_stays_forbidden_where_layers_grow() -> None:
     graph._forbid([(1, 0, 0)])
     assert graph._solve(0) == 1
     for k in (0, 1):  # as an inserted layer does to its neighbours
-        graph.layers[k] = join(graph.layers[k], Layer(np.full((2, 6), 0.5), np.ones(2), np.zeros(2)))
+        graph.layers[k] = join_layers(graph.layers[k], Layer(np.full((2, 6), 0.5), np.ones(2), np.zeros(2)))
     assert graph._solve(0) is None
     assert graph.before[1][0] > 0
 

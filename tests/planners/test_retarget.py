@@ -18,7 +18,7 @@ from planners import Chunk, JogVelocity, MotionLimits, RetargetStatus, retarget,
 from planners.limits.base import sides
 from planners.retarget.chunk import load_chunks
 from planners.retarget.interior import MOST_STEPS, make_factors, make_rows, make_stencils, minimise
-from planners.retarget.motion import JointCubics, integrate, joint_rows, sweep
+from planners.retarget.motion import JointCubics, integrate, sweep_pace, write_joint_rows
 from planners.retarget.reference import evaluate_reference, fit_reference, make_objective, sample_reference
 from planners.retarget.result import certify_joined
 from tests.oracles import PinocchioDynamics
@@ -454,8 +454,8 @@ def test_a_sweep_reaches_the_rest_of_a_straight_line_in_its_least_time():
     sample_reference(c, 1.0, s, R)
     limits = np.array([[[-9.0, 9.0], [-1.0, 1.0], [-0.5, 0.5], [-1e9, 1e9]]])
     rows, cap, x, times = np.empty((k, n, 4)), np.empty(k), np.empty(k), np.empty(k)
-    joint_rows(R, limits, 100.0, rows, cap)
-    sweep(s, rows, cap, 1e-12, 0.0, x, times)
+    write_joint_rows(R, limits, 100.0, rows, cap)
+    sweep_pace(s, rows, cap, 1e-12, 0.0, x, times)
     v, a = 0.995 / 0.1, 0.95 * 0.5 / 0.1
     exact = np.minimum(np.minimum(2.0 * a * s, v * v), 2.0 * a * (s[-1] - s))
     np.testing.assert_allclose(x[5:-5], exact[5:-5], rtol=1e-3)

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from benchmarks.blocks.block import Entry
 from benchmarks.blocks.contest import Contestant, enter, enter_peer, facts_on, timed, timed_calls, turns
-from benchmarks.blocks.entries import torques_at
+from benchmarks.blocks.entries import sample_torques
 from benchmarks.blocks.timing.motions import DrawnLine
-from benchmarks.blocks.timing.rows import facts_of
+from benchmarks.blocks.timing.rows import plan_facts
 from benchmarks.blocks.timing.settings import LawBlock, told
 from benchmarks.peers.laws import TIMING_PEERS
 from benchmarks.peers.laws.base import TimingPeer, peer_limits
@@ -159,7 +159,7 @@ def _judged(
         lambda: certify(line.robot, line.path, motion, limits, law=c.label, enforced=tuple(c.about["enforced"])), 1
     )
     if c.entry.role == "peer":
-        facts = facts_of(line.robot, line.path, motion, proof, limits)
+        facts = plan_facts(line.robot, line.path, motion, proof, limits)
     else:  # what `plan` returns: slowed until it keeps what the law promises
         facts = _planned_row(block, line, limits, solver, c)
     return {"ms_certificate": ms} | facts
@@ -191,9 +191,9 @@ def _planned_row(
         enforced = tuple(c.about["enforced"])
         scene = planned.scene
         proof = certify(line.robot, line.path, planned.trajectory, limits, law=c.label, enforced=enforced, scene=scene)
-    facts = facts_of(line.robot, line.path, planned.trajectory, proof, limits)
+    facts = plan_facts(line.robot, line.path, planned.trajectory, proof, limits)
     end = np.abs(planned.trajectory(planned.trajectory.end) - planned.joint_path(planned.joint_path.end)).max()
-    return timed_plan | facts | {"slowed": planned.slowed, "end_error": float(end)}
+    return timed_plan | facts | {"slowed": planned.stretch_factor, "end_error": float(end)}
 
 
 def _motion(c: Contestant, joints: JointPath, raw: Any) -> Trajectory | str:
@@ -309,7 +309,7 @@ def torque_ratios(robot: Robot, motion: Trajectory, limits: MotionLimits, t: Arr
     given = [name for name in LOADED if np.isfinite(bound[name]).any()]
     if not given:
         return {}
-    values = dict(zip(("torque", "torque_rate"), torques_at(robot, motion, t), strict=True))
+    values = dict(zip(("torque", "torque_rate"), sample_torques(robot, motion, t), strict=True))
     return {name: ratio_to_limit(values[name], bound[name]).max(axis=(0, 2)) for name in given}
 
 
@@ -359,7 +359,7 @@ def _torques(planned: Plan, t: Array) -> dict[str, Array]:
     robot, motion = planned.robot, planned.trajectory
     if robot.inertia is None:
         return {}
-    found = [np.take_along_axis(x, np.abs(x).argmax(axis=0)[None], axis=0)[0] for x in torques_at(robot, motion, t)]
+    found = [np.take_along_axis(x, np.abs(x).argmax(axis=0)[None], axis=0)[0] for x in sample_torques(robot, motion, t)]
     friction = np.broadcast_to(robot.inertia.coulomb, found[0].shape)
     return dict(zip(("torque", "torque_rate", "coulomb"), (x.ravel() for x in (*found, friction)), strict=True))
 

@@ -252,7 +252,7 @@ def _damping_table(b: BudgetRows, strata: list[str]) -> Table:
     return table_of("damping", title, [*columns, *aside], groups, "n: targets. Intervals are Wilson's, 95 %.")
 
 
-def choose(constants: dict[str, float], figures: dict[str, dict[str, Any]]) -> list[str]:
+def choose_dampings(constants: dict[str, float], figures: dict[str, dict[str, Any]]) -> list[str]:
     """Return the dampings that no other is significantly better than, best first.
 
     Those whose interval of success reaches that of the surest; among them by median iterations, then by success rate.
@@ -264,7 +264,7 @@ def choose(constants: dict[str, float], figures: dict[str, dict[str, Any]]) -> l
 
 def _advice(constants: dict[str, float], others: list[str], figures: dict[str, dict[str, float]]) -> str:
     """Name the best damping of a stratum, those as good, the lowest, and the methods without a constant damping."""
-    level = choose(constants, figures)
+    level = choose_dampings(constants, figures)
     if not level:
         return "none of these dampings solves any target here."
     first, rest = level[0], level[1:]

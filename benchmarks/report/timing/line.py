@@ -74,7 +74,7 @@ def limits_of(run: Run, b: BlockRows) -> MotionLimits:
     return limits
 
 
-def rows_of(b: BlockRows) -> list[dict[str, Any]]:
+def detail_rows(b: BlockRows) -> list[dict[str, Any]]:
     """Return the rows of the motion by our laws: for each IK method, every law."""
     part, chosen = b.block.example_set, b.block.example
     index = 0 if part.path else chosen.index
@@ -85,14 +85,14 @@ def rows_of(b: BlockRows) -> list[dict[str, Any]]:
 
 def first_solver(b: BlockRows) -> str:
     """Return the first IK method with a motion; the first of all if none has one."""
-    solved = [str(row["solver"]) for row in rows_of(b) if row["solved"]]
+    solved = [str(row["solver"]) for row in detail_rows(b) if row["solved"]]
     return solved[0] if solved else short_name(b.block.solvers[0])
 
 
 def solved_of(b: BlockRows) -> list[dict[str, Any]]:
     """Return the rows with a motion, by the first IK method that has some."""
     solver = first_solver(b)
-    return [row for row in rows_of(b) if row["solved"] and row["solver"] == solver]
+    return [row for row in detail_rows(b) if row["solved"] and row["solver"] == solver]
 
 
 def broken_limits(row: dict[str, Any]) -> list[str]:
@@ -144,7 +144,7 @@ def law_table(run: Run, b: BlockRows) -> Table:
     ranks = {row["method"]: str(k) for k, row in enumerate(within, start=1)}
     rows = [
         _row(row, b.entries[row["method"]]["enforced"]) | {"place": ranks.get(row["method"])}
-        for row in rows_of(b)
+        for row in detail_rows(b)
         if row["solver"] == solver
     ]
     columns = [c for c in LAW_COLUMNS if c.key not in _OPTIONAL or any(row.get(c.key) is not None for row in rows)]
@@ -180,7 +180,7 @@ SAME_DURATION = 1e-9
 
 def ik_matters(b: BlockRows) -> str:
     """Describe in one sentence how much the motions depend on the IK method."""
-    solved = pl.DataFrame([row for row in rows_of(b) if row["solved"]], infer_schema_length=None)
+    solved = pl.DataFrame([row for row in detail_rows(b) if row["solved"]], infer_schema_length=None)
     if solved.is_empty() or solved["solver"].n_unique() < 2:
         return ""
     by_law = solved.group_by("method", maintain_order=True).agg(
@@ -280,7 +280,7 @@ def _points(points: Array, name: str, mode: str = "markers", **options: Any) -> 
 # ---------------------------------------------------------------- clearance
 
 
-def clearance(run: Run) -> dict[str, Any] | None:
+def draw_clearance(run: Run) -> dict[str, Any] | None:
     """Show clearance over time and in space, for every law."""
     found = detailed(run)
     rows = None if found is None else found.table("clearance")

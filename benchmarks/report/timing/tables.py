@@ -33,7 +33,7 @@ from benchmarks.report.boards import (
     percent_axis,
     ticked_axis,
 )
-from benchmarks.report.tables import Cell, Column, Group, Table, quoted, table_of
+from benchmarks.report.tables import Cell, Column, Group, Table, quote_label, table_of
 from benchmarks.report.timing.line import law_table
 from optik.check import format_count
 from optik.registry import short_name
@@ -93,7 +93,7 @@ def _or_infinite(column: str) -> Callable[[pl.DataFrame], Array]:
 
 def laws_table(b: BlockRows, rows: pl.DataFrame, title: str, name: str) -> Table:
     """Return every law and peer on some lines: unchanged, within 0.1 %, and after a uniform slow-down."""
-    ms, fields, slowed = "ms", limited(rows), _or_infinite("kept_over_optimum")
+    ms, fields, stretched = "ms", limited(rows), _or_infinite("kept_over_optimum")
     jerk, valid = "sampled_jerk", mean("holds", 100.0, among="solved")
 
     def holds(own: pl.DataFrame) -> Cell:
@@ -110,11 +110,11 @@ def laws_table(b: BlockRows, rows: pl.DataFrame, title: str, name: str) -> Table
         Column("nearly", "within 0.1 %", "%", "more", "share", of=share("nearly")),
         Column("worst", "largest peak / limit", show="limit", of=largest("worst", among="solved")),
         Column("as_is", "T / T*, unchanged", of=median_with_interval(_or_infinite("over_optimum"))),
-        Column("slowed_down", "T / T*, stretched to meet the limits", "", "less", of=median_with_interval(slowed)),
+        Column("slowed_down", "T / T*, stretched to meet the limits", "", "less", of=median_with_interval(stretched)),
         Column("ms", "median time of a call", ms, "less", of=quantile("ms_law", 0.5)),
         Column("count", "motions requested", show="count", of=len),
         Column("found", "motions found", "%", "more", "share", aside=True, of=share("solved")),
-        Column("worst_slowed_down", "largest T / T*, stretched to meet the limits", "", "less", aside=True, of=largest(slowed)),
+        Column("worst_slowed_down", "largest T / T*, stretched to meet the limits", "", "less", aside=True, of=largest(stretched)),
         *(
             Column(field, f"largest {_words(field)} / limit", show="limit", aside=field != "torque",
                    of=largest(field, among="solved"))
@@ -237,7 +237,7 @@ def compared(b: BlockRows) -> Table:
     return Table(f"timing-{slug(b.block.id)}-compared", title, columns, tuple(rows))
 
 
-def all_tables(run: Run) -> list[Table]:
+def make_line_tables(run: Run) -> list[Table]:
     """Return tables of all blocks."""
     found: list[Table | None] = []
     for b in run.of("timing"):
@@ -327,8 +327,8 @@ def durations(b: BlockRows, run: Run) -> Board:
                 continue
             look, when = run.look(label), {"group": [group]}
             unchanged = rows.filter("solved")["over_optimum"].drop_nulls().to_numpy()
-            slowed = rows["kept_over_optimum"].drop_nulls().to_numpy()
-            excess = np.maximum(100.0 * (slowed[np.isfinite(slowed)] - 1.0), LEAST_EXCESS)
+            stretched = rows["kept_over_optimum"].drop_nulls().to_numpy()
+            excess = np.maximum(100.0 * (stretched[np.isfinite(stretched)] - 1.0), LEAST_EXCESS)
             add_steps(plain, label, unchanged, len(rows), look, PATHS_WITHIN + "× T*", when)
             add_steps(kept, label, excess, len(rows), look, PATHS_WITHIN + "% longer", when)
     names = [(g, g.replace("_", "-")) for g in groups]
@@ -385,7 +385,7 @@ def _path_words(robot: str, kind: str, index: int) -> str:
     return f"{robot}, {kind.replace('_', '-')} path {index + 1}"
 
 
-def against_singularity(b: BlockRows, run: Run) -> Board:
+def plot_singularity(b: BlockRows, run: Run) -> Board:
     """Plot durations and their ratio to T* over the smallest singular value on the path."""
     across = ticked_axis("smallest singular value on the path", (0.02, 0.03, 0.05, 0.1, 0.2, 0.3))
     seconds = ticked_axis("T [s]", (0.2, 0.3, 0.5, 1, 2, 3, 5, 10))
@@ -432,7 +432,7 @@ def example_boards(b: BlockRows, run: Run) -> list[Board]:
 def _which(b: BlockRows) -> str:
     """Describe which path is shown; paths count from 1."""
     chosen, arm = b.block.example, arm_label(b.block.example.robot, b.block.example.payload)
-    within = f"on {arm}, within the limits {quoted(chosen.limits)}"
+    within = f"on {arm}, within the limits {quote_label(chosen.limits)}"
     if chosen.path or chosen.kind == GIVEN_LINE:
         return f"path {short_name(chosen.path) if chosen.path else 'given'} {within}"
     counts = [part.count for part in b.block.lines if (part.arm, part.kind) == (arm, chosen.kind)]

@@ -46,7 +46,7 @@ Then follow the seeds' poses (13, COMPARED_SEEDS) and configurations (SEEDS, n),
 limits. For arms with redundant joints, those of the seeds with joints at limits follow."""
 
 
-def pack(robot: Robot, reach: Array, options: Array) -> Array:
+def pack_arm(robot: Robot, reach: Array, options: Array) -> Array:
     """Return an arm, its reach bound and the options of a solver as one flat array."""
     spare = count_spare_joints(robot)
     joints = np.zeros((10, MOST_JOINTS))
@@ -248,7 +248,7 @@ NEARLY_HALF_TURN = 9.8695
 def poses(arm: Array, w: Array, g: Array, n: int) -> None:
     """Compute, for the configuration in every lane, the origins and axes of the joints and the frame of the last joint.
 
-    Shapes and units: arm (size,) [as `pack` writes it], w (ROWS, L) [as the rows say] (overwritten), g (GEOMETRY, L) [m, 1]
+    Shapes and units: arm (size,) [as `pack_arm` writes it], w (ROWS, L) [as the rows say] (overwritten), g (GEOMETRY, L) [m, 1]
     (overwritten).
     """
     L = w.shape[1]
@@ -284,7 +284,7 @@ def poses(arm: Array, w: Array, g: Array, n: int) -> None:
 def twists(arm: Array, w: Array) -> None:
     """Compute the error twist of every lane and its squares from the last joint's frame; P becomes the tool's position.
 
-    Shapes and units: arm (size,) [as `pack` writes it], w (ROWS, L) [as the rows say] (overwritten).
+    Shapes and units: arm (size,) [as `pack_arm` writes it], w (ROWS, L) [as the rows say] (overwritten).
     """
     L = w.shape[1]
     tx, ty, tz = arm[AT_TOOL_P], arm[AT_TOOL_P + 1], arm[AT_TOOL_P + 2]
@@ -314,10 +314,10 @@ def twists(arm: Array, w: Array) -> None:
 
 
 @inlined
-def errors(arm: Array, w: Array, g: Array, n: int) -> None:
+def compute_errors(arm: Array, w: Array, g: Array, n: int) -> None:
     """Compute the forward kinematics and the pose error of the configuration in every lane.
 
-    Shapes and units: arm (size,) [as `pack` writes it], w (ROWS, L) [as the rows say] (overwritten), g (GEOMETRY, L) [m, 1]
+    Shapes and units: arm (size,) [as `pack_arm` writes it], w (ROWS, L) [as the rows say] (overwritten), g (GEOMETRY, L) [m, 1]
     (overwritten).
     """
     poses(arm, w, g, n)
@@ -344,7 +344,7 @@ def correct_half_turn(w: Array, l: int) -> None:
 
 
 @inlined
-def hold_joints(w: Array, J: Array, n: int) -> None:
+def zero_held_columns(w: Array, J: Array, n: int) -> None:
     """Set the columns of held joints in the Jacobians J (6 n, L) to 0, so that the other joints alone make the step.
 
     A lane marked PUSHED holds the joints at a bound that Jᵀ e pushes out of it (Bertsekas 1982).
@@ -367,7 +367,7 @@ def hold_joints(w: Array, J: Array, n: int) -> None:
 def jacobians(arm: Array, w: Array, g: Array, J: Array, n: int, holding: bool) -> None:
     """Compute the geometric Jacobian of every lane; the columns of locked and held joints are 0.
 
-    Shapes and units: arm (size,) [as `pack` writes it], w (ROWS, L) [as the rows say], g (GEOMETRY, L) [m, 1], J (6 * n, L)
+    Shapes and units: arm (size,) [as `pack_arm` writes it], w (ROWS, L) [as the rows say], g (GEOMETRY, L) [m, 1], J (6 * n, L)
     [m/rad, 1] (overwritten).
     """
     L = w.shape[1]
@@ -386,14 +386,14 @@ def jacobians(arm: Array, w: Array, g: Array, J: Array, n: int, holding: bool) -
             J[6 * i + 4, l] = turns * zy
             J[6 * i + 5, l] = turns * zz
     if n > 6 or holding:
-        hold_joints(w, J, n)
+        zero_held_columns(w, J, n)
 
 
 @inlined
 def normal_matrix(arm: Array, w: Array, A: Array, J: Array, n: int) -> None:
     """Compute the lower triangle of J Jᵀ + λ² I of every lane by rows, with λ² = gain · E + least damping.
 
-    Shapes and units: arm (size,) [as `pack` writes it], w (ROWS, L) [as the rows say], A (21, L) [m²] (overwritten), J
+    Shapes and units: arm (size,) [as `pack_arm` writes it], w (ROWS, L) [as the rows say], A (21, L) [m²] (overwritten), J
     (6 * n, L) [m/rad, 1].
     """
     gain, least = arm[AT_GAIN], arm[AT_LEAST_DAMPING]
@@ -504,10 +504,10 @@ def substitute(w: Array, A: Array, J: Array, n: int) -> None:
 
 
 @inlined
-def steps(arm: Array, w: Array, g: Array, J: Array, n: int, holding: bool) -> None:
+def step_lanes(arm: Array, w: Array, g: Array, J: Array, n: int, holding: bool) -> None:
     """Apply one step of every lane: Δq = Jᵀ (J Jᵀ + λ² I)⁻¹ e, clamped to the lane's bounds.
 
-    Shapes and units: arm (size,) [as `pack` writes it], w (ROWS, L) [as the rows say] (overwritten), g (GEOMETRY, L) [m, 1]
+    Shapes and units: arm (size,) [as `pack_arm` writes it], w (ROWS, L) [as the rows say] (overwritten), g (GEOMETRY, L) [m, 1]
     (overwritten), J (6 * n, L) [m/rad, 1] (overwritten).
     """
     jacobians(arm, w, g, J, n, holding)

@@ -6,7 +6,7 @@ limits and the attempt continues with clamped steps. An attempt without progress
 from the caller's initial guess, the others as in `optik.ik._lm.search`. There is no randomness at run time: the same
 problem has the same result in any lane, thread and process.
 
-All functions take the array of `optik.ik._lm.lanes.pack` and the work array of `optik.ik._lm.lanes`.
+All functions take the array of `optik.ik._lm.lanes.pack_arm` and the work array of `optik.ik._lm.lanes`.
 """
 
 from __future__ import annotations

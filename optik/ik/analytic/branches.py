@@ -17,7 +17,7 @@ from optik.arm.robot import Robot
 from optik.compiled import compiled
 from optik.ik._gauss_newton import descend_inside
 from optik.ik._null_space import FRACTION_OF_TOLERANCE, descend
-from optik.kinematics import Chain, Range, error_of_pose, forward, jacobian_from, turns, workspace
+from optik.kinematics import Chain, Range, error_of_pose, forward, jacobian_from, turns_whole, workspace
 from optik.linear import cholesky_solve, copy_vector
 from optik.newton import GAIN, LEAST_DAMPING
 from optik.task import POSE
@@ -46,14 +46,14 @@ CLAMPED_STEPS = 20
 def refine_within(
     chain: Chain, bounds: Range, target: Array, tolerance: tuple[float, float], steps: int, q: Array
 ) -> tuple[int, float, float]:
-    """Refine q (n,) inside bounds until it meets a target pose within a tolerance; return the result of `refine`."""
+    """Refine q (n,) inside bounds until it meets a target pose within a tolerance; return the result of `refine_root`."""
     rule = (tolerance[0], tolerance[1], float(steps), 4.0, 0.5, GAIN, LEAST_DAMPING, 1.0)
     k, _, p2, r2 = descend_inside(chain, bounds, (WHOLE_POSE.copy(), target), rule, 0, q, np.empty((0, 6)))
     return k, sqrt(p2), sqrt(r2)
 
 
 @compiled
-def refine(chain: Chain, bounds: Range, target: Array, steps: int, q: Array) -> tuple[int, float, float]:
+def refine_root(chain: Chain, bounds: Range, target: Array, steps: int, q: Array) -> tuple[int, float, float]:
     """Refine q (n,) inside bounds to a target pose, up to rounding; a candidate with errors below 1e-12 is not changed.
 
     Returns the number of steps, and the position and rotation errors left [m, rad].
@@ -70,7 +70,7 @@ def is_same_root(chain: Chain, a: Array, b: Array) -> bool:
     """Return whether two configurations are equal up to 2π-multiples: a, b (n,) [rad, m]."""
     for i in range(a.shape[0]):
         d = a[i] - b[i]
-        if turns(chain, i):
+        if turns_whole(chain, i):
             d -= 2.0 * pi * floor(d / (2.0 * pi) + 0.5)
         if not abs(d) < SAME_ROOT:
             return False
@@ -111,7 +111,7 @@ def add_root(chain: Chain, bounds: Range, q: Array, roots: Array, count: int) ->
             return False
     for i in range(q.shape[0]):
         x = q[i]
-        if turns(chain, i) and low[i] < high[i]:
+        if turns_whole(chain, i) and low[i] < high[i]:
             x -= 2.0 * pi * floor(x / (2.0 * pi) + 0.5)
         roots[count, i] = x
     return True
@@ -130,7 +130,7 @@ def find_distinct(
     count = 0
     for k in range(candidates.shape[0]):
         q = candidates[k]
-        _, position, rotation = refine(chain, bounds, target, POLISHING_STEPS, q)
+        _, position, rotation = refine_root(chain, bounds, target, POLISHING_STEPS, q)
         if position <= tolerance[0] and rotation <= tolerance[1] and add_root(chain, bounds, q, roots, count):
             singular[count] = is_singular(chain, bounds, roots[count])
             count += 1
@@ -173,7 +173,7 @@ def enumerate_roots(
         if idle >= patience or count == roots.shape[0]:
             break
         copy_vector(starts[k], q)
-        more, position, rotation = refine(chain, bounds, target, steps, q)
+        more, position, rotation = refine_root(chain, bounds, target, steps, q)
         taken += more
         idle += 1
         if position <= tolerance[0] and rotation <= tolerance[1] and add_root(chain, bounds, q, roots, count):
@@ -194,7 +194,7 @@ def choose_nearest(chain: Chain, limits: Range, roots: Array, q0: Array, q: Arra
         distance, out = 0.0, 0.0
         for i in range(q.shape[0]):
             v = roots[k, i]
-            if turns(chain, i) and lower[i] < upper[i]:
+            if turns_whole(chain, i) and lower[i] < upper[i]:
                 v += turn * floor((q0[i] - v) / turn + 0.5)
                 off = max(lower[i] - v, v - upper[i])
                 close = close or 0.0 < off < LIMIT_BAND
@@ -234,7 +234,7 @@ def keep_inside(
             moved = moved or q[i] < lower[i] or q[i] > upper[i]
             q[i] = min(max(q[i], lower[i]), upper[i])
         # no steps where nothing was clamped: only the error is measured
-        _, position, rotation = refine(chain, limits, target, CLAMPED_STEPS if moved else 0, q)
+        _, position, rotation = refine_root(chain, limits, target, CLAMPED_STEPS if moved else 0, q)
         good[k] = position <= tolerance[0] and rotation <= tolerance[1]
 
 
@@ -336,11 +336,11 @@ def find_curve_joints(robot: Robot, target: Array, free: Range, q: Array, tolera
 def slide(robot: Robot, target: Array, q: Array, reference: Array, tolerance: tuple[float, float]) -> Array:
     """Return the root inside the limits that is nearest to a reference along the curve of roots through a configuration."""
     limits, x = (robot.limits.lower, robot.limits.upper), robot.limits.clip(q)
-    refine(robot.chain, limits, target, CLAMPED_STEPS, x)
+    refine_root(robot.chain, limits, target, CLAMPED_STEPS, x)
     within = tolerance[0] / FRACTION_OF_TOLERANCE, tolerance[1] / FRACTION_OF_TOLERANCE
     descend(robot.chain, limits, (POSE.flags, target), within, (DISTANCE_OBJECTIVE, reference), x)
     if max(tolerance) <= ROOT_ERROR:  # a curve within a larger tolerance has few exact roots
-        refine(robot.chain, limits, target, CLAMPED_STEPS, x)
+        refine_root(robot.chain, limits, target, CLAMPED_STEPS, x)
     return x
 
 

@@ -113,7 +113,7 @@ def read_encoders(actual: Array, options: Options, noise: np.random.Generator) -
     return np.asarray(np.where(options.resolution > 0.0, np.round(read / counts) * counts, read))
 
 
-def judge(run: DriveRun, k: int, read: Array, options: Options, robot: Robot) -> None:
+def check_encoders(run: DriveRun, k: int, read: Array, options: Options, robot: Robot) -> None:
     """Check the encoders at tick k: none may be lost, and every joint must follow its set-points."""
     if run.fault is not None:
         return

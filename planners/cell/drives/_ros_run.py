@@ -14,7 +14,7 @@ from optik.errors import InvalidInput, NoSolution
 from optik.scene.files import NANOSECONDS
 from optik.types import Array
 from planners.cell.drives._checks import RESUME_ADVICE
-from planners.cell.drives._run import EncoderMonitor, EventQueue, plan_stop
+from planners.cell.drives._run import EncoderMonitor, EventQueue, plan_stop_at
 from planners.cell.drives.base import (
     Drive,
     Execution,
@@ -75,8 +75,8 @@ def make_message(plan: Plan, joint_names: JointNames, allow: Allow = ()) -> tupl
     Raises InvalidMotion, NoSolution or InvalidInput as `planners.to_ros` does.
     """
     message, sent = ros_message(motor_motion(plan), joint_names=joint_names, allow=allow)
-    slowed = plan.slowed * sent.factor
-    return replace(plan, _trajectory=sent.trajectory, _certificate=sent.certificate, slowed=slowed), message
+    stretch = plan.stretch_factor * sent.factor
+    return replace(plan, _trajectory=sent.trajectory, _certificate=sent.certificate, stretch_factor=stretch), message
 
 
 def motor_motion(plan: Plan) -> Motion:
@@ -97,7 +97,9 @@ def add_room(plan: Plan) -> Plan:
     """Return the plan slowed by `ROOM`, or the plan itself if it has a requested tool speed."""
     if plan.speed is not None:
         return plan
-    return replace(plan, _trajectory=plan.trajectory.slowed(1.0 + ROOM), slowed=plan.slowed * (1.0 + ROOM))
+    return replace(
+        plan, _trajectory=plan.trajectory.stretched(1.0 + ROOM), stretch_factor=plan.stretch_factor * (1.0 + ROOM)
+    )
 
 
 def make_stops(sent: Plan, every: float, joint_names: JointNames, allow: Allow = ()) -> Stops:
@@ -108,7 +110,7 @@ def make_stops(sent: Plan, every: float, joint_names: JointNames, allow: Allow =
     while t < sent.trajectory.end - 0.5 * every:
         since = perf_counter()
         try:
-            stop = replace(plan_stop(sent, t, 1.0 - 0.5 * ROOM, allow), limits=sent.limits)
+            stop = replace(plan_stop_at(sent, t, 1.0 - 0.5 * ROOM, allow), limits=sent.limits)
             found.append(TimedStop(t, *make_message(stop, joint_names, allow)))
         except (NoSolution, InvalidInput) as error:
             reason = reason or f"at t = {t:.6g} s: {error}"

@@ -9,7 +9,15 @@ import numpy as np
 
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners.cell.drives.base import Drive, Execution, ExecutionStatus, Fault, Setpoints, make_setpoints, slow_to
+from planners.cell.drives.base import (
+    Drive,
+    Execution,
+    ExecutionStatus,
+    Fault,
+    Setpoints,
+    make_setpoints,
+    stretch_to_duration,
+)
 from planners.certificate.analysis import AT_REST
 from planners.certificate.violation import Allow, check_allow, required_limits
 from planners.following.failure import joint_unit
@@ -32,7 +40,7 @@ LEAST_FRACTION = 0.1
 """Least limit of a joint without a stated limit, as a fraction of the largest value of all joints in the plan [1]."""
 
 
-def relax(plan: Plan, allow: Allow) -> Plan:
+def without_permitted(plan: Plan, allow: Allow) -> Plan:
     """Return a plan that can be stopped and replanned despite the permitted violations.
 
     It has no scene if contact is permitted. Limits that may be exceeded are not enforced.
@@ -45,12 +53,12 @@ def relax(plan: Plan, allow: Allow) -> Plan:
     return replace(plan, _certificate=proof, scene=scene)
 
 
-def plan_stop(running: Plan, t: float, fraction: float = 1.0, allow: Allow = ()) -> Plan:
+def plan_stop_at(running: Plan, t: float, fraction: float = 1.0, allow: Allow = ()) -> Plan:
     """Return the stop of a plan from a time of its motion within a fraction of the limits.
 
     The first of the limits of `find_stop_limits` that gives a valid certificate is used.
     """
-    stops, plan = [], relax(running, allow)
+    stops, plan = [], without_permitted(running, allow)
     for limits in find_stop_limits(plan):
         limits = limits if fraction == 1.0 else limits.scale(fraction)
         found = replan(plan, t, stop=True, limits=limits, timing="optimal")
@@ -117,7 +125,7 @@ def resume_execution(drive: Drive, execution: Execution, near: Array, options: d
     """
     check_stopped(execution)
     assert execution.motion is not None
-    rest, running = execution.motion(execution.motion.end), relax(execution.plan, options["allow"])
+    rest, running = execution.motion(execution.motion.end), without_permitted(execution.plan, options["allow"])
     measured = drive.measure()
     if np.isnan(measured).any():
         i = int(np.isnan(measured).argmax())
@@ -142,7 +150,7 @@ def resume_execution(drive: Drive, execution: Execution, near: Array, options: d
     if execution.stop_plan is None or ends_at_goal(execution.stop_plan):
         there = refuse(drive, execution.plan, "", "")
         return replace(there, status=ExecutionStatus.DONE, notes=("the arm was already at the goal",))
-    stop = relax(execution.stop_plan, options["allow"])
+    stop = without_permitted(execution.stop_plan, options["allow"])
     onward = replan(stop, stop.trajectory.end, limits=find_stop_limits(running)[0], timing="optimal")
     onward = replace(fill_period(onward, drive.period), scene=execution.plan.scene)
     return replace(drive.execute(onward, **options), before=before)
@@ -166,7 +174,7 @@ def plan_way_back(running: Plan, measured: Array, rest: Array) -> Plan:
 
 def fill_period(found: Plan, period: float) -> Plan:
     """Return a plan of at least one servo period: the remaining motion may be some micrometres."""
-    return slow_to(found, period) if found and found.trajectory.end < period else found
+    return stretch_to_duration(found, period) if found and found.trajectory.end < period else found
 
 
 def refuse(drive: Drive, plan: Plan, reason: str, advice: str, *, placed: bool = True) -> Execution:
@@ -240,7 +248,7 @@ class Steps(NamedTuple):
     torque: Array | None = None  # (m, n) of the motors [N·m, N]; None if the plant has no torques
 
 
-def interpolate(stream: Setpoints, k: int, steps: int, hold: bool) -> Commands:
+def interpolate_setpoints(stream: Setpoints, k: int, steps: int, hold: bool) -> Commands:
     """Interpolate set-points k and k + 1 by cubics through position and velocity, or hold the first of them."""
     last, period = len(stream.t) - 1, stream.period
     u = np.linspace(0.0, 1.0, steps + 1)[:, None]
@@ -308,7 +316,7 @@ class DriveRun:
             self.notes.append("the drive already had the set-points up to the end of the plan: no stop was needed")
             return
         resting = is_at_rest(self.motion, t)
-        found = plan_hold(self.plan, t, self.stream.period) if resting else plan_stop(self.plan, t, allow=self.allow)
+        found = plan_hold(self.plan, t, self.stream.period) if resting else plan_stop_at(self.plan, t, allow=self.allow)
         if not found and not resting:
             assert found.failure is not None
             why = f"no stop from t = {t:.6g} s could be certified: {found.failure.reason}"

@@ -73,7 +73,7 @@ def fit_periods(plan: Plan, period: float = PERIOD) -> Plan:
     Returns
     -------
     Plan
-        The plan with a duration of n · period; the factor is `Plan.slowed`.
+        The plan with a duration of n · period; the factor is `Plan.stretch_factor`.
 
     Raises
     ------
@@ -86,19 +86,24 @@ def fit_periods(plan: Plan, period: float = PERIOD) -> Plan:
     duration = count_periods(motion, period) * period
     if plan.speed is not None or not proof.rest[0] or motion.end == duration:
         return plan
-    return slow_to(plan, duration)
+    return stretch_to_duration(plan, duration)
 
 
-def slow_to(plan: Plan, duration: float) -> Plan:
+def stretch_to_duration(plan: Plan, duration: float) -> Plan:
     """Return a plan that begins at rest, slowed uniformly to a duration and certified again."""
     motion, proof = plan.trajectory, plan.certificate
-    stretched = motion.slowed(max(duration / motion.duration, 1.0))  # the last piece is shortened by the rounding error
+    stretched = motion.stretched(
+        max(duration / motion.duration, 1.0)
+    )  # the last piece is shortened by the rounding error
     knots = stretched.knots.copy()
     knots[-1] = duration
     moved = replace(plan.motion, trajectory=Trajectory(scipy.interpolate.PPoly(stretched.coefficients, knots)))
     again = moved.certify(rate=proof.rate)
     slower = replace(
-        plan, _trajectory=moved.trajectory, _certificate=again, slowed=plan.slowed * duration / motion.duration
+        plan,
+        _trajectory=moved.trajectory,
+        _certificate=again,
+        stretch_factor=plan.stretch_factor * duration / motion.duration,
     )
     if not plan or again.is_valid:
         return slower
@@ -205,10 +210,10 @@ def _by_joint(robot: Robot, value: ArrayLike | None, default: tuple[float, float
     """Return one number above 0 for each joint [rad, m]."""
     if value is None:
         return np.where(robot.prismatic, default[1], default[0])
-    return np.broadcast_to(check_positive(robot, value, argument, "a number above 0"), (robot.n,)).copy()
+    return np.broadcast_to(check_positive_options(robot, value, argument, "a number above 0"), (robot.n,)).copy()
 
 
-def check_positive(robot: Robot, value: ArrayLike, argument: str, wanted: str) -> Array:
+def check_positive_options(robot: Robot, value: ArrayLike, argument: str, wanted: str) -> Array:
     """Return a number above 0, or one for each joint, as an array () or (n,)."""
     wanted = f"{wanted}, or {robot.n} of them"
     array = real_array(value, argument, wanted)
@@ -219,7 +224,7 @@ def check_positive(robot: Robot, value: ArrayLike, argument: str, wanted: str) -
 
 def _resolution(robot: Robot, encoder: ArrayLike) -> Array:
     """Return the resolution of each encoder [rad, m]."""
-    array = check_positive(robot, encoder, "encoder", "a number of counts per turn above 0")
+    array = check_positive_options(robot, encoder, "encoder", "a number of counts per turn above 0")
     turn = 2.0 * pi / array
     if array.shape == ():
         return np.where(robot.prismatic, SCALE if np.isfinite(array) else 0.0, turn)

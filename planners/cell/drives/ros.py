@@ -23,7 +23,7 @@ from planners.cell.drives._ros_run import (
     make_stops,
     motor_motion,
 )
-from planners.cell.drives._run import check_stopped, refuse, relax
+from planners.cell.drives._run import check_stopped, refuse, without_permitted
 from planners.cell.drives.base import PERIOD, Drive, Execution, ExecutionStatus, StopRequest, StreamRecord, Watcher
 from planners.certificate.violation import Allow
 from planners.following.failure import joint_unit
@@ -175,7 +175,7 @@ class RosDrive(Drive):
             return refuse(self, plan, reason, "nothing to do: the goal is reached")
         still = np.zeros(self.robot.n)
         running = execution.stop_plan if isinstance(execution.stop_plan, ProgramPlan) else plan  # it knows its section
-        onward = replan(relax(running, allow), (joints(s), still, still))
+        onward = replan(without_permitted(running, allow), (joints(s), still, still))
         onward = replace(onward, scene=plan.scene)
         return self.execute(onward, stop=stop, watch=watch, allow=allow)
 

@@ -16,7 +16,7 @@ from optik.arm.robot import Robot
 from optik.types import Array, Indices
 from planners.following.branches import CollisionCheck
 from planners.following.resolve import Resolution, resolve
-from planners.following.resolve.graph import Sampler, Sequence, relax
+from planners.following.resolve.graph import Sampler, Sequence, relax_sequences
 from planners.freedom.base import Bounds, Freedom
 from planners.paths.base import Path
 from planners.paths.free_path import FreePath
@@ -217,7 +217,7 @@ class Resolver:
 
     def relax(self, sequences: list[Sequence], caution: int = 0) -> list[FreeWay]:
         """Return the sequences with shorter motions."""
-        found = relax(self.sampler, self.given, sequences, held=self._held, caution=caution)
+        found = relax_sequences(self.sampler, self.given, sequences, held=self._held, caution=caution)
         return [FreeWay(s, q[:, : self.n], q[:, self._columns]) for s, q in found]
 
     def candidates(self, found: list[Sequence], ways: list[FreeWay]) -> Iterator[tuple[FreePath, FreeWay]]:

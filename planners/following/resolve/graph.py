@@ -271,7 +271,7 @@ def find_edges(
                 total[j], best[j] = cost, i
 
 
-def join(a: Layer, b: Layer) -> Layer:
+def join_layers(a: Layer, b: Layer) -> Layer:
     """Return the configurations of two layers."""
     return Layer(*(np.concatenate(pair) for pair in zip(a, b, strict=True)))
 
@@ -307,7 +307,7 @@ class Graph:
         for _ in range(0 if held else MOST_START_ROUNDS):
             if len(self.layers[0].q) >= FEWEST_STARTS:
                 break
-            self.layers[0] = join(self.layers[0], sampler.judge(sampler.draw(self.poses[:1], draws)[0]))
+            self.layers[0] = join_layers(self.layers[0], sampler.judge(sampler.draw(self.poses[:1], draws)[0]))
         self.forbidden: dict[int, Flags] = {}
         self.failed = Counter[int]()
         self.inserted = self.rounds = 0
@@ -335,7 +335,7 @@ class Graph:
             q, half = np.tile(q, (2, 1)), np.concatenate([half, disturbed])
         on, ok = sampler.project(half, self.poses[b])
         ok &= np.abs(on - q).max(axis=1, initial=0.0) <= LARGEST_EDGE
-        self.layers[b] = join(self.layers[b], sampler.judge(sampler.wind(on[ok])))
+        self.layers[b] = join_layers(self.layers[b], sampler.judge(sampler.wind(on[ok])))
 
     def _are_linked(self, a: int, b: int) -> Flags:
         """Return which configurations of layer b have an edge to one of layer a."""
@@ -525,7 +525,9 @@ LONGER, SHORTER = 1.5, 0.4
 """Factors of the step after one that was accepted, and after one that was not."""
 
 
-def relax(sampler: Sampler, path: Path, given: list[Sequence], *, held: bool, caution: int = 0) -> list[Sequence]:
+def relax_sequences(
+    sampler: Sampler, path: Path, given: list[Sequence], *, held: bool, caution: int = 0
+) -> list[Sequence]:
     """Return shorter sequences: each configuration moves towards the mean of its neighbours, and stays inside and free.
 
     Each further degree of caution keeps it farther from limits and contact.

@@ -66,7 +66,7 @@ def clear(border: Border, K: int) -> None:
 
 
 @inlined
-def add(border: Border, column: Array, weight: float, pull: float) -> None:
+def add_to_border(border: Border, column: Array, weight: float, pull: float) -> None:
     """Add weight · ∇c ∇cᵀ and pull · ∇c of a limited value to the model of the coefficients."""
     square, slope = border.square, border.slope
     for i in range(column.shape[0]):
@@ -172,7 +172,7 @@ def eliminate(k: int, R: Array, r: float, delta: float, cost: Array, border: Bor
 
 
 @compiled
-def choose(k: int, x: float, y: float, border: Border) -> None:
+def step_coefficients(k: int, x: float, y: float, border: Border) -> None:
     """Compute the step of the coefficients that stage k eliminated, from that of v, a and of the earlier coefficients."""
     begin = border.begin[k]
     for c in range(border.stay[k], border.stay[k + 1]):
@@ -243,7 +243,7 @@ class Iterate(NamedTuple):
 
 
 @inlined
-def rows_of(k: int, problem: Problem, border: Border | None) -> tuple[int, int]:
+def active_range(k: int, problem: Problem, border: Border | None) -> tuple[int, int]:
     """Return the range of the active limits of a stage: at the first and the last state, which are given, only those of p."""
     m, K = problem.node.shape[1], problem.ds.shape[0]
     if border is None:
@@ -412,7 +412,7 @@ def _end(problem: Problem, at: Iterate, mu: float, border: Border) -> None:
     clear(border, at.z.shape[0] - 1)
     for i in range(m):
         weight, pull, _y = pull_of(at, K, i, mu * problem.tau[K - 1])
-        add(border, border.columns[K, i], weight, pull)
+        add_to_border(border, border.columns[K, i], weight, pull)
 
 
 @compiled
@@ -428,10 +428,10 @@ def _border_stage(k: int, problem: Problem, at: Iterate, mu: float, border: Bord
         mixed[0, i], mixed[1, i], mixed[3, i] = border.cross[k, 0, i], border.cross[k, 1, i], border.cross[k, 2, i]
         mixed[2, i], mixed[4, i], mixed[5, i] = 0.0, border.cross[k, 3, i], border.cross[k, 4, i]
     for i in range(border.bends.shape[1]):
-        add(border, border.bends[k, i], 1.0, 0.0)
+        add_to_border(border, border.bends[k, i], 1.0, 0.0)
     for i in range(n):
         weight, pull, _y = pull_of(at, k, i, mu)
-        add(border, columns[k, i], weight, pull)
+        add_to_border(border, columns[k, i], weight, pull)
         if k > 0:
             x = 2.0 * node[k, i, 1] * v + node[k, i, 2]
             mix(border, columns[k, i], (weight * x, weight * node[k, i, 0], 0.0, 0.0, 0.0))
@@ -439,7 +439,7 @@ def _border_stage(k: int, problem: Problem, at: Iterate, mu: float, border: Bord
         for end in range(2):
             at_row = n + end * e + i
             weight, pull, _y = pull_of(at, k, at_row, mu)
-            add(border, columns[k, at_row], weight, pull)
+            add_to_border(border, columns[k, at_row], weight, pull)
             p = weight * edge[k, end, i, 0]
             x, r = edge_slope(edge, k, end, i, w if end else v, b if end else a)
             if end:
@@ -466,7 +466,7 @@ def forth(
         free = 5 - pivot
         d[k, free] = law[k, 0] * x + law[k, 1] * y + law[k, 2]
         if border is not None:
-            choose(k, x, y, border)
+            step_coefficients(k, x, y, border)
             d[k, free] += product(border, border.law[k], k)
         fixed = -g[k, 0] / row[pivot]
         d[k, pivot] = fixed - (row[0] * x + row[1] * y + row[free] * d[k, free]) / row[pivot]

@@ -112,7 +112,7 @@ def quintic_programme(joint_path: JointPath, limits: MotionLimits, intervals: in
     return build_programme(joint_path, limits, s, v, a, np.full(count, duration / count), units, None)
 
 
-def interpolate(given: TimingProblem, z: Array, u: float) -> Array:
+def interpolate_start(given: TimingProblem, z: Array, u: float) -> Array:
     """Return s, speeds and accelerations at a fraction of the durations of the intervals of a motion.
 
     On the quintics through the motion's own states, so that a start tells as much as a solution does.
@@ -132,7 +132,7 @@ def halve_intervals(given: TimingProblem, z: Array, which: NDArray[np.bool_]) ->
     """Return the programme with some intervals halved in time; its initial guess is a motion of the given programme."""
     length, time = given.units
     i = np.flatnonzero(which)
-    middle, width = interpolate(given, z, 0.5)[:, i], given.s[i + 1] - given.s[i]
+    middle, width = interpolate_start(given, z, 0.5)[:, i], given.s[i + 1] - given.s[i]
     middle[0] = np.clip(middle[0], given.s[i] + 0.01 * width, given.s[i + 1] - 0.01 * width)
     middle[1] = np.maximum(middle[1], 0.0)  # a start: it need not agree
     s, v, a = np.insert(np.stack([given.s, z[:, 0], z[:, 1]]), i + 1, middle, axis=1)
@@ -257,7 +257,7 @@ SAME_NODE = 1e-9
 
 def start(joint_path: JointPath, limits: MotionLimits, intervals: int | None, more: float = 1.0) -> TimingProblem:
     """Return the programme from rest to rest."""
-    along, motion = sweep(joint_path, limits)
+    along, motion = sweep_joint_path(joint_path, limits)
     t, share = motion[0], np.empty(along.s.size)
     jerk = along.jerk[: joint_path.robot.n]  # not those of torque rates, which are counted in other units
     least = min(briefest(jerk), t[-1] / FEWEST)
@@ -280,11 +280,11 @@ def start(joint_path: JointPath, limits: MotionLimits, intervals: int | None, mo
     return build_programme(joint_path, limits, s, v, a, np.diff(when), units, None)
 
 
-def sweep(joint_path: JointPath, limits: MotionLimits) -> tuple[_sweep.Along, Array]:
+def sweep_joint_path(joint_path: JointPath, limits: MotionLimits) -> tuple[_sweep.Along, Array]:
     """Return the path at path parameters (m,), and the motion (4, m) of `_sweep.swept` along it from rest to rest."""
     along = _make_sweep_input(joint_path, limits)
     motion = np.empty((4, along.s.size))
-    _sweep.sweep(
+    _sweep.sweep_path(
         along, _sweep.speed_bounds(along, RAMP_BEND_SHARE, RAMP_TWIST_SHARE), SWEEP_ROUNDS, SWEEP_EXCESS, motion
     )
     return along, motion
