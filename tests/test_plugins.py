@@ -597,7 +597,7 @@ def test_a_motion_of_plug_ins_is_saved_loaded_and_certified_but_reading_it_runs_
 ) -> None:
     arm, spiral, tsv = paper6r(), EXAMPLES / "spiral.py", EXAMPLES / "tsv.py"
     data = {"start": arm.fk(START).tolist(), "radius": 0.02, "turns": 1.0, "rise": 0.02}
-    path = planners.make_path(spiral, arm, **data)
+    path = planners.paths.make_path(spiral, arm, **data)
     limits = planners.MotionLimits(2.0, 10.0, 100.0)
     plan = planners.plan(arm, path, START, solver=EXAMPLES / "jt.py", timing=EXAMPLES / "law.py", limits=limits)
     assert plan, plan.failure
@@ -616,7 +616,7 @@ def test_a_motion_of_plug_ins_is_saved_loaded_and_certified_but_reading_it_runs_
         with pytest.raises(UnknownName, match="unknown path"):
             path_of(path.to_dict() | {"path": named}, arm)
     with pytest.raises(InvalidInput, match="radius_m"):
-        planners.make_path(spiral, arm, **data, radius_m=1.0)
+        planners.paths.make_path(spiral, arm, **data, radius_m=1.0)
 
 
 def test_the_law_of_the_example_passes_the_middle_slowly() -> None:

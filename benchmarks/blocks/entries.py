@@ -1,4 +1,4 @@
-"""Entries of a block: methods, laws, peers, problem sets and arms as a suite names them, and the judgement of their answers."""
+"""Entries of a block: methods, laws, peers, problem sets and arms as suites name them; judgement of their answers."""
 
 from __future__ import annotations
 

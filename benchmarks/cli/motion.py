@@ -35,8 +35,8 @@ if TYPE_CHECKING:
     from optik.view.show import Show
     from planners import Motion, Plan
     from planners.cell.drives.base import Execution
-    from planners.retarget import Setpoint
-    from planners.retarget.chunk import Chunk
+    from planners.streams import Setpoint
+    from planners.streams.chunk import Chunk
 
 
 # ---------------- `optik drive`
@@ -371,7 +371,7 @@ class StreamCommand(LimitsCommand, TableCommand):
         """Stream, execute, and print."""
         from planners import MotionLimits, stream
         from planners.cell.drives import make_drive
-        from planners.retarget.chunk import load_chunks
+        from planners.streams.chunk import load_chunks
 
         if self.out is not None and self.out.suffix.lower() != ".csv":
             raise InvalidInput("--out", self.out, "a name that ends in .csv")

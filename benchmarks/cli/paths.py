@@ -301,7 +301,7 @@ class PathCommand(PlanCommand):
         import planners
 
         settings = {"start": start.arm.fk(start.q).tolist()} | read_settings(self.set_ or [])
-        return planners.make_path(self.path, start.arm, **settings)
+        return planners.paths.make_path(self.path, start.arm, **settings)
 
 
 def read_settings(texts: list[str]) -> dict[str, Any]:
@@ -425,7 +425,7 @@ class CheckProgramCommand(JsonCommand):
 
 def _describe(item: Any, arm: optik.Robot) -> dict[str, str]:
     """Return an item of a program in words."""
-    from planners import Dwell, ToolChange
+    from planners.program import Dwell, ToolChange
     from planners.program.parts import Keep
 
     if isinstance(item, Dwell):
@@ -444,7 +444,8 @@ def _describe(item: Any, arm: optik.Robot) -> dict[str, str]:
 
 def _motion(part: Any, arm: optik.Robot) -> str:
     """Return the motion of a part in words."""
-    from planners import Move, Path
+    from planners import Path
+    from planners.program import Move
 
     around = ", around obstacles" if part.avoid is not False else ""
     if isinstance(part.goal, Path):

@@ -336,7 +336,7 @@ class PlanCommand(MotionCommand, SceneCommand):
         """Return the typed branch, or the default."""
         return self.branch or choose_branch(start, path)
 
-    def plan(self, start: Start, path: Any, law: planners.TimeLaw, words: list[str]) -> planners.Plan:
+    def plan(self, start: Start, path: Any, law: planners.timing.TimeLaw, words: list[str]) -> planners.Plan:
         """Return the plan; the words permit violations."""
         import planners
 
@@ -396,7 +396,7 @@ class PlanCommand(MotionCommand, SceneCommand):
             words = _describe_export(sent, plan) if sent or self.rate is None else _describe_points(plan, self.rate)
             out_console.print(f"written to {self.out}{words}", soft_wrap=True)
 
-    def make_law(self) -> planners.TimeLaw:
+    def make_law(self) -> planners.timing.TimeLaw:
         """Return the time law, at the typed speed."""
         import planners
 

@@ -8,9 +8,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.interpolate import BPoly, CubicSpline, PPoly
 
-from planners import TimeLaw
 from planners.limits import DERIVATIVES
 from planners.motion.motion import stretch_to_limits
+from planners.timing import TimeLaw
 from planners.timing.base import refit
 
 

@@ -12,7 +12,8 @@ import optik
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners import Arc, JointLine, Line, MotionLimits, Path, Plan, PlanStatus, Polyline, laws, plan, replan
+from planners import Arc, JointLine, Line, MotionLimits, Path, Plan, Polyline, laws, plan, replan
+from planners.planning import PlanStatus
 from tests import oracles
 from tests.robots import marked
 

@@ -14,7 +14,9 @@ import optik
 from optik import Scene
 from optik.arm.robot import Robot
 from optik.types import Array
-from planners import Dwell, JointLine, MotionLimits, Part, PointToPoint, Program, RetargetStatus, plan, replan, retarget
+from planners import JointLine, MotionLimits, Part, PointToPoint, Program, plan, replan, retarget
+from planners.program import Dwell
+from planners.streams import RetargetStatus
 from tests.figures import limits, motors
 from tests.figures.figure import Row, Value, main
 

@@ -25,7 +25,8 @@ from optik import Robot, se3
 from optik.errors import InvalidInput, NoSolution, OptikError
 from optik.ik import get_solver
 from optik.types import Array, Flags
-from planners import Arc, JointLine, Line, MotionLimits, Move, Part, Path, PointToPoint, Polyline, Program, ProgramPlan
+from planners import Arc, JointLine, Line, MotionLimits, Part, Path, PointToPoint, Polyline, Program, ProgramPlan
+from planners.program import Move
 from tests.figures.figure import ROOT, Row, Value, main
 
 SEED = 20261127

@@ -13,7 +13,8 @@ import numpy as np
 
 import planners
 from optik.types import Array
-from planners import Chunk, JogVelocity, MotionLimits, RetargetStatus
+from planners import MotionLimits
+from planners.streams import Chunk, JogVelocity, RetargetStatus
 from tests.figures import chunks
 from tests.figures.chunks import Box, evaluate
 from tests.figures.figure import Row, Value, main
@@ -66,11 +67,11 @@ class Policy:
             self.waiting.append((observed + late, Chunk(points, RATE, observed)))
         self.waiting.sort(key=lambda each: each[0])
 
-    def __call__(self, now: planners.Setpoint) -> Chunk | None:
+    def __call__(self, now: planners.streams.Setpoint) -> Chunk | None:
         return self.waiting.pop(0)[1] if self.waiting and self.waiting[0][0] <= now.t else None
 
 
-def judge_stream(opened: planners.Stream, box: Box, each: Callable[[planners.Setpoint], None]) -> Row:
+def judge_stream(opened: planners.Stream, box: Box, each: Callable[[planners.streams.Setpoint], None]) -> Row:
     """Run a stream; compare all motions with the limits and with the ones before, and all set-points with the motion."""
     running, begin, joined = opened._running, 0.0, 0
     worst: dict[str, Array] = {
@@ -140,7 +141,7 @@ def sequence(opened: planners.Stream, source: JogVelocity, box: Box, rng: np.ran
     steady, waits = rng.uniform(-1.5, 1.5, most.size) * most, commands(rng, long)
     last: dict[str, Any] = {"t": next(waits), "command": -1.0, "rest": -1.0, "allowed": 0.0, "stop": 0.0}
 
-    def each(now: planners.Setpoint) -> None:
+    def each(now: planners.streams.Setpoint) -> None:
         if last["command"] >= 0.0 and now.t <= last["command"] + source.timeout + 0.02:
             stop = chunks.fastest(np.array([now.q, now.dq, now.ddq]), np.zeros((3, most.size)), box, stop=True)
             last["stop"] = max(last["stop"], stop.duration)

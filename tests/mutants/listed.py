@@ -120,12 +120,12 @@ TESTS: dict[str, tuple[str, ...]] = {
     "planners/limits/_combination.py": (LIMIT_ROWS, LIMIT_PROOFS, COUPLED),
     "planners/limits/motion_limits.py": ("tests/planners/test_plan.py", LIMITS, SEGMENTS),
     "planners/limits": (THRESHOLDS, LIMIT_ROWS, LIMIT_PROOFS, RECORDS),
-    "planners/retarget/result.py": (THRESHOLDS, STREAM_PROOF, *STREAMS),
-    "planners/retarget/motion.py": (STREAM_PROOF, STREAM_KERNELS, *STREAM_SOLVERS, *STREAMS, *STREAM_SOLVERS[2:3]),
-    "planners/retarget/interior.py": (STREAM_KERNELS, *STREAM_SOLVERS, *STREAMS),
-    "planners/retarget/reference.py": (STREAM_KERNELS, *STREAMS, *STREAM_SOLVERS[:1]),
-    "planners/retarget": STREAMS,
-    "planners/retarget/controllers": ("tests/planners/test_controllers.py",),
+    "planners/streams/result.py": (THRESHOLDS, STREAM_PROOF, *STREAMS),
+    "planners/streams/motion.py": (STREAM_PROOF, STREAM_KERNELS, *STREAM_SOLVERS, *STREAMS, *STREAM_SOLVERS[2:3]),
+    "planners/streams/interior.py": (STREAM_KERNELS, *STREAM_SOLVERS, *STREAMS),
+    "planners/streams/reference.py": (STREAM_KERNELS, *STREAMS, *STREAM_SOLVERS[:1]),
+    "planners/streams": STREAMS,
+    "planners/streams/controllers": ("tests/planners/test_controllers.py",),
     "planners/program": PROGRAM,
     "planners/program/joining.py": (THRESHOLDS, *PROGRAM),
     "planners/program/events.py": PROGRAM[2:],
@@ -253,7 +253,7 @@ DRAWN = (
 """Certificate, its bounds, extrema, following, the judge, kinematics, poses, motion files and ROS."""
 
 NEWER = (
-    *("planners/certificate", "planners/limits", "planners/retarget", "planners/retarget/controllers"),
+    *("planners/certificate", "planners/limits", "planners/streams", "planners/streams/controllers"),
     *("planners/program", "planners/following", "planners/following/resolve"),
     "planners/motion/motion.py",
     "optik/dynamics.py",

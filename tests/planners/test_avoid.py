@@ -13,14 +13,16 @@ from optik.errors import InvalidInput, UnknownName
 from optik.scene.contact import bodies_of, find_nearest_pairs
 from optik.types import Array
 from optik.view.page import describe_show
-from planners import Line, MotionLimits, Plan, PlanStatus, PointToPoint, ViaPoint, free, load_motion, plan
+from planners import Line, MotionLimits, Plan, PointToPoint, free, load_motion, plan
 from planners.choice import ways
 from planners.choice.choose import Choice, JointChoice
 from planners.choice.first_paths import advise_elbow
 from planners.choice.programme import FreeProgramme
 from planners.choice.rows import ClearanceLimits, NearPairs, pair_rooms
 from planners.motion.show import show_motion
+from planners.paths import ViaPoint
 from planners.paths.free_path import FreePath
+from planners.planning import PlanStatus
 from planners.search.rrt_connect import RRTConnect
 from planners.timing.optimal import Optimal
 from tests.planners.contacts import REST, drawn, panda, pose, scara

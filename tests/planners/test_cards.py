@@ -163,7 +163,7 @@ class Half(optik.ik.IKSolver):
         return optik.ik.base.Attempt(found.q, found.status, 1, None, "half")
 
 
-class Slow(planners.TimeLaw):
+class Slow(planners.timing.TimeLaw):
     """The law of the paper at half its speed."""
 
     enforced = ()

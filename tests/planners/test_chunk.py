@@ -12,12 +12,13 @@ import optik
 import planners
 from optik import Robot
 from optik.errors import InvalidInput
-from planners import Chunk, MotionLimits, Retargeted, retarget
-from planners.retarget.chunk import read_targets
-from planners.retarget.reference import find_scatter, track_targets
+from planners import MotionLimits, Retargeted, retarget
+from planners.streams import Chunk
+from planners.streams.chunk import read_targets
+from planners.streams.reference import find_scatter, track_targets
 from tests.seeds import shift_seed
 
-engine = importlib.import_module("planners.retarget.engine")  # its folder is hidden by the function
+engine = importlib.import_module("planners.streams.engine")  # its folder is hidden by the function
 
 REST = np.array([0.0, -1.5, 1.4, -1.5, -1.57, 0.0])
 LIMITS = MotionLimits(velocity=2.5, acceleration=10.0, jerk=200.0)

@@ -17,8 +17,9 @@ from optik.errors import InvalidInput
 from optik.ik import IKStatus
 from optik.scene.contact import SELF, find_clearances, find_contact, find_nearest_pairs, find_pairs
 from optik.types import Array
-from planners import MotionLimits, PlanStatus, Trajectory
+from planners import MotionLimits, Trajectory
 from planners.certificate.clearance import Clearance, clearance
+from planners.planning import PlanStatus
 from tests.planners.contacts import (
     COAL_ERROR,
     REST,

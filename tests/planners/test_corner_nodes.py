@@ -11,9 +11,9 @@ import optik
 import planners
 from optik import JointLimits, Robot, se3
 from optik.types import Array
-from planners import MotionLimits, Move, Part, Program
+from planners import MotionLimits, Part, Program
 from planners.paths.joint_curve import JointCurve
-from planners.program import joining
+from planners.program import Move, joining
 from planners.program.joining import ON_CURVE, place_nodes
 from planners.trajectory import Trajectory
 from planners.trajectory.curve import quintic_through

@@ -12,7 +12,7 @@ from scipy.interpolate import CubicHermiteSpline
 
 import optik
 from optik.errors import InvalidInput, NoSolution
-from planners import JointLine, MotionLimits, Plan, PlanStatus, make_law, plan, replan
+from planners import JointLine, MotionLimits, Plan, make_law, plan, replan
 from planners.cell import (
     Execution,
     ExecutionStatus,
@@ -24,6 +24,7 @@ from planners.cell import (
 )
 from planners.cell.drives._run import EncoderMonitor
 from planners.following.follow import PlanFailure
+from planners.planning import PlanStatus
 from planners.trajectory import simulate_controller
 from tests import oracles
 from tests.planners.cases import START, default_line, paper6r

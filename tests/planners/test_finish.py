@@ -12,7 +12,8 @@ import scipy
 import optik
 from optik.errors import InvalidInput, NoSolution
 from optik.types import Array
-from planners import Dwell, JointLine, Line, MotionLimits, Part, Plan, Program, ProgramPlan, make_law, plan, replan
+from planners import JointLine, Line, MotionLimits, Part, Plan, Program, ProgramPlan, make_law, plan, replan
+from planners.program import Dwell
 from planners.replan.finish import stretch_plan
 from planners.trajectory import Trajectory
 

@@ -12,22 +12,12 @@ from optik import JointLimits, Robot, Scene, Shapes, se3
 from optik.errors import InvalidInput
 from optik.scene.contact import find_nearest_pairs
 from optik.types import Array
-from planners import (
-    JointLine,
-    Line,
-    MotionLimits,
-    Plan,
-    PlanStatus,
-    PointToPoint,
-    SearchStatus,
-    ViaPoint,
-    find_path,
-    free,
-    plan,
-)
+from planners import JointLine, Line, MotionLimits, Plan, PointToPoint, find_path, free, plan
 from planners.following.branches import find_branches
+from planners.paths import ViaPoint
 from planners.paths.configurations import find_configurations
-from planners.search import find
+from planners.planning import PlanStatus
+from planners.search import SearchStatus, find
 from planners.search.base import JointSpace
 from tests.planners.contacts import pose
 

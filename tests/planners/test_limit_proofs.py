@@ -14,10 +14,10 @@ from scipy.interpolate import PPoly
 import optik
 from optik.arm.limits import VelocityByPosition
 from optik.types import Array
-from planners import AccelerationByVelocity, Grip, MotionLimits, OpenContainer, Suction, Tray
+from planners import MotionLimits
 from planners.certificate import bounds
 from planners.certificate.analysis import MotionAnalysis
-from planners.limits import kind_of
+from planners.limits import AccelerationByVelocity, Grip, OpenContainer, Suction, Tray, kind_of
 from planners.limits._bernstein import ROUNDING, multiply, on_pieces, proves_above
 from planners.limits._combination import Combination
 from planners.trajectory import Trajectory

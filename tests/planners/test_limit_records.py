@@ -15,26 +15,9 @@ import optik
 from optik.arm.limits import JointLimits, VelocityByPosition
 from optik.errors import InvalidInput, UnknownName
 from optik.types import Array
-from planners import (
-    AccelerationByVelocity,
-    Grip,
-    JointLine,
-    Line,
-    MotionLimits,
-    OpenContainer,
-    Plan,
-    Suction,
-    Tray,
-    certify,
-    free,
-    load_motion,
-    make_law,
-    plan,
-    replan,
-    save,
-)
+from planners import JointLine, Line, MotionLimits, Plan, certify, free, load_motion, make_law, plan, replan, save
 from planners.certificate.analysis import MotionAnalysis
-from planners.limits import kind_of
+from planners.limits import AccelerationByVelocity, Grip, OpenContainer, Suction, Tray, kind_of
 from planners.limits.base import PathPoints
 from planners.limits.record import find_velocity_reversals
 from planners.trajectory import Trajectory

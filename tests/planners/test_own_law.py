@@ -10,10 +10,11 @@ import pytest
 import optik
 import planners
 from optik.errors import InvalidInput, NoSolution
-from planners import MotionLimits, TimeLaw, Trajectory
+from planners import MotionLimits, Trajectory
 from planners.certificate.analysis import MotionAnalysis
 from planners.following.joint_path import JointPath
 from planners.motion.motion import find_stretch_factor, stretch_to_limits
+from planners.timing import TimeLaw
 from planners.timing.quintic import Quintic
 from planners.timing.toppra import Toppra
 from tests.planners.cases import START, default_joint_path, paper6r

@@ -10,22 +10,11 @@ import optik
 from optik.arm.library import load
 from optik.errors import InvalidInput, NoSolution, OptikError, OutputError, UnknownName
 from optik.ik import make_solver
-from planners import (
-    Arc,
-    JointLine,
-    Line,
-    MotionLimits,
-    Plan,
-    PlanStatus,
-    TimeLaw,
-    Trajectory,
-    laws,
-    make_law,
-    plan,
-    replan,
-)
+from planners import Arc, JointLine, Line, MotionLimits, Plan, Trajectory, laws, make_law, plan, replan
 from planners.following.failure import FollowStatus
 from planners.following.joint_path import JointPath
+from planners.planning import PlanStatus
+from planners.timing import TimeLaw
 from tests import oracles
 from tests.oracles import PAPER
 from tests.planners.cases import START, default_joint_path, default_line, paper6r

@@ -361,7 +361,7 @@ STATED = {
     "planners.limits.velocity_by_position": {"FIRST_EXCESS": 1e-9, "STILL": 1e-12},
     "planners.limits._specific_force": {"PROOF_EXCESS": 1e-5},
     "planners.limits._motor_torque": {"TORQUE_EXCESS": 1e-5, "AT_REST": 1e-9},
-    "planners.retarget.result": {"CONTINUOUS": 1e-9, "EXCESS": 1e-9, "JOINED_WITHIN": 0.01},
+    "planners.streams.result": {"CONTINUOUS": 1e-9, "EXCESS": 1e-9, "JOINED_WITHIN": 0.01},
     "planners.program.joining": {"ON_CURVE": 1e-8, "MIDDLE": 5.0 / 64.0},
     "planners.program.following": {"GAP": 1e-6, "NO_GAP": 1e-12},
     "planners.cell.drives._checks": {"GREATEST_STEP": 1.0 + 1e-6},

@@ -12,7 +12,7 @@ import optik
 from optik import Robot, Scene
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners import Line, MotionLimits, Part, PlanStatus, Polyline, Program, ProgramPlan, follow, free, plan
+from planners import Line, MotionLimits, Part, Polyline, Program, ProgramPlan, follow, free, plan
 from planners.following.branches import CollisionCheck
 from planners.following.failure import ASKED, FollowStatus, PlanFailure
 from planners.following.resolve import Resolution, resolve
@@ -23,6 +23,7 @@ from planners.motion.show import show_motion
 from planners.paths.base import Path
 from planners.paths.free_path import FreePath
 from planners.paths.stretch import Stretch
+from planners.planning import PlanStatus
 from tests.figures import resolve_cuts, resolve_lines, resolve_seams
 from tests.planners.contacts import COAL_ERROR
 

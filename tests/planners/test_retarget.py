@@ -14,13 +14,14 @@ import scipy
 import optik
 import planners
 from optik.errors import InvalidInput
-from planners import Chunk, JogVelocity, MotionLimits, RetargetStatus, retarget, stream
+from planners import MotionLimits, retarget, stream
 from planners.limits.base import sides
-from planners.retarget.chunk import load_chunks
-from planners.retarget.interior import MOST_STEPS, make_factors, make_rows, make_stencils, minimise
-from planners.retarget.motion import JointCubics, integrate, sweep_pace, write_joint_rows
-from planners.retarget.reference import evaluate_reference, fit_reference, make_objective, sample_reference
-from planners.retarget.result import certify_joined
+from planners.streams import Chunk, JogVelocity, RetargetStatus
+from planners.streams.chunk import load_chunks
+from planners.streams.interior import MOST_STEPS, make_factors, make_rows, make_stencils, minimise
+from planners.streams.motion import JointCubics, integrate, sweep_pace, write_joint_rows
+from planners.streams.reference import evaluate_reference, fit_reference, make_objective, sample_reference
+from planners.streams.result import certify_joined
 from tests.oracles import PinocchioDynamics
 from tests.seeds import shift_seed
 

@@ -7,8 +7,8 @@ import pytest
 from scipy.interpolate import BSpline
 
 from planners import MotionLimits
-from planners.retarget.interior import _add_transposed, make_factors, make_stencils
-from planners.retarget.motion import (
+from planners.streams.interior import _add_transposed, make_factors, make_stencils
+from planners.streams.motion import (
     ACCELERATION_PART,
     VELOCITY_PART,
     JointCubics,
@@ -18,7 +18,7 @@ from planners.retarget.motion import (
     sweep_pace,
     write_joint_rows,
 )
-from planners.retarget.reference import CUT, _list_instants, make_objective, track_targets
+from planners.streams.reference import CUT, _list_instants, make_objective, track_targets
 from planners.trajectory import Trajectory
 from planners.trajectory.curve import quintic_through
 from tests.planners.test_stream_certificate import bare, certify

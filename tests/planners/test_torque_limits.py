@@ -10,13 +10,14 @@ import optik
 from optik.dynamics import torques_batch
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners import MotionLimits, Plan, TimeLaw, Trajectory, certify, load_motion, make_law, plan, replan, save
+from planners import MotionLimits, Plan, Trajectory, certify, load_motion, make_law, plan, replan, save
 from planners.certificate.analysis import MotionAnalysis
 from planners.certificate.bounds import MotionBounds
 from planners.following.joint_path import JointPath
 from planners.limits import DERIVATIVES, PathPoints, kind_of
 from planners.limits.kinds import torque_rows
 from planners.motion.motion import static_torque
+from planners.timing import TimeLaw
 from planners.timing.smooth import Smooth
 from planners.trajectory.curve import apply_chain_rule
 from tests.planners.cases import START, default_line, paper6r

@@ -11,11 +11,12 @@ import scipy
 
 import optik
 import planners
-from planners import Chunk, MotionLimits, Retargeted, Trajectory, retarget, stream
+from planners import MotionLimits, Retargeted, Trajectory, retarget, stream
 from planners.limits._combination import Combination
-from planners.retarget.motion import JointCubics, write_joint_rows
-from planners.retarget.reference import SPARE, _stop
-from planners.retarget.result import certify_joined
+from planners.streams import Chunk
+from planners.streams.motion import JointCubics, write_joint_rows
+from planners.streams.reference import SPARE, _stop
+from planners.streams.result import certify_joined
 from planners.trajectory import make_rest
 from tests.optik.test_motors import MATRICES
 from tests.planners.test_coupled_motors import arm, motor_torques, planned

@@ -114,7 +114,7 @@ def laws_table(b: BlockRows, rows: pl.DataFrame, title: str, name: str) -> Table
         Column("ms", "median time of a call", ms, "less", of=quantile("ms_law", 0.5)),
         Column("count", "motions requested", show="count", of=len),
         Column("found", "motions found", "%", "more", "share", aside=True, of=share("solved")),
-        Column("worst_slowed_down", "largest T / T*, stretched to meet the limits", "", "less", aside=True, of=largest(stretched)),
+        Column("worst_slowed_down", "largest T / T*, stretched to the limits", "", "less", aside=True, of=largest(stretched)),
         *(
             Column(field, f"largest {_words(field)} / limit", show="limit", aside=field != "torque",
                    of=largest(field, among="solved"))

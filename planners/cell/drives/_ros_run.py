@@ -31,13 +31,13 @@ from planners.certificate.violation import Allow
 from planners.following.failure import joint_unit
 from planners.motion import Motion
 from planners.plan import Plan
-from planners.retarget.result import Retargeted
-from planners.retarget.stream import Stream
 from planners.ros.export import JointNames, ros_message
 from planners.ros.message import Form, message_of
 from planners.ros.monitor import JointStates, MotionRecord
 from planners.ros.replies import GoalState, write_time
 from planners.ros.transport import Goal
+from planners.streams.result import Retargeted
+from planners.streams.stream import Stream
 from planners.trajectory import cut_after, join
 from planners.trajectory.trajectory import sample_states
 

@@ -33,7 +33,7 @@ from planners.cell.drives.base import (
 )
 from planners.certificate.violation import Allow, check_allow
 from planners.plan import Plan
-from planners.retarget.stream import Stream
+from planners.streams.stream import Stream
 
 BRAKING = 10.0
 """Largest time in which the brakes must bring the arm to rest [s]."""

@@ -23,7 +23,7 @@ from planners.following.follow import PlanFailure
 from planners.motion import Motion
 from planners.motion.motion import Event
 from planners.plan import Plan, PlanStatus
-from planners.retarget.stream import Stream, StreamReport
+from planners.streams.stream import Stream, StreamReport
 from planners.trajectory import Trajectory
 from planners.trajectory.trajectory import SAME_INSTANT, sample_states
 

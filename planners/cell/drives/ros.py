@@ -31,10 +31,10 @@ from planners.following.joint_path import find_nearest_s
 from planners.plan import Plan
 from planners.program.planner import ProgramPlan
 from planners.replan import replan
-from planners.retarget.stream import Stream
 from planners.ros.export import JointNames, find_columns
 from planners.ros.monitor import JointStates
 from planners.ros.transport import Transport
+from planners.streams.stream import Stream
 
 STATE_AGE = 0.5
 """Default of the largest age of a joint state [s]: 25 messages of a broadcaster at 50 Hz."""

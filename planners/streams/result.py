@@ -22,8 +22,8 @@ from planners.certificate.clearance import Clearance, clearance
 from planners.certificate.violation import Violation, word_of_limit
 from planners.limits import DERIVATIVES, LOADED, TOOL_SPEEDS, Extreme, MotionLimits, ToolExtreme, kind_of
 from planners.limits.base import sides
-from planners.retarget.motion import JointCubics, cubic_extrema
-from planners.retarget.reference import BASIS
+from planners.streams.motion import JointCubics, cubic_extrema
+from planners.streams.reference import BASIS
 from planners.trajectory import State, Trajectory, shift_pieces
 
 # ---------------- streamCertificate

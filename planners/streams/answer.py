@@ -12,9 +12,9 @@ from optik.scene import Scene
 from planners.limits import MotionLimits
 from planners.motion.motion import Motion, get_motion
 from planners.planning.result import Plan
-from planners.retarget.engine import Retargeter
-from planners.retarget.result import Retargeted
-from planners.retarget.stream import begin
+from planners.streams.engine import Retargeter
+from planners.streams.result import Retargeted
+from planners.streams.stream import begin
 
 
 def retarget(

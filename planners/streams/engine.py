@@ -21,8 +21,8 @@ from optik.types import Array
 from planners.limits import DERIVATIVES, MotionLimits, PathPoints, kind_of, symmetric_bound
 from planners.limits.base import sides
 from planners.paths.goal import find_continuous, unwind
-from planners.retarget.chunk import Chunk, Jog, read_targets, refuse_targets, resolve_poses
-from planners.retarget.motion import (
+from planners.streams.chunk import Chunk, Jog, read_targets, refuse_targets, resolve_poses
+from planners.streams.motion import (
     APART,
     BRIEF_REST,
     LEAST_PACE,
@@ -35,8 +35,8 @@ from planners.retarget.motion import (
     sweep_pace,
     write_joint_rows,
 )
-from planners.retarget.reference import MOST_SPANS, SPARE, find_scatter, fit_reference, sample_reference, track_targets
-from planners.retarget.result import (
+from planners.streams.reference import MOST_SPANS, SPARE, find_scatter, fit_reference, sample_reference, track_targets
+from planners.streams.result import (
     PacedReference,
     Retargeted,
     RetargetStatus,

@@ -21,10 +21,10 @@ from optik.scene import Scene
 from optik.types import Array
 from planners.limits import MotionLimits
 from planners.motion.motion import HasMotion
-from planners.retarget.chunk import Chunk, Jog
-from planners.retarget.engine import SCATTERS, Retargeter, clip_joints
-from planners.retarget.motion import BRIEF_REST
-from planners.retarget.result import Retargeted, RetargetStatus, state_of
+from planners.streams.chunk import Chunk, Jog
+from planners.streams.engine import SCATTERS, Retargeter, clip_joints
+from planners.streams.motion import BRIEF_REST
+from planners.streams.result import Retargeted, RetargetStatus, state_of
 from planners.trajectory import Trajectory, join, make_rest
 
 # ---------------- running motions of an arm

@@ -6,8 +6,8 @@ import numpy as np
 
 from optik.compiled import inlined, parallel
 from optik.types import Array, Indices
-from planners.retarget.interior import MOST_STEPS, ROWS, add_weighted, make_factors, make_stencils, minimise
-from planners.retarget.motion import SAME_TIME, integrate
+from planners.streams.interior import MOST_STEPS, ROWS, add_weighted, make_factors, make_stencils, minimise
+from planners.streams.motion import SAME_TIME, integrate
 
 # ---------------- the reference of a chunk
 
