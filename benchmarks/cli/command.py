@@ -110,7 +110,8 @@ def translate(words: str) -> str:
     words = re.sub(rf"(?P<values>{NUMBER}) (?P<unit>rad)\b(?!/)", scale, words)
     words = name_robot_options(name_options(words, TRANSLATED))
     for python, typed in (("q_start", "--start-deg"), ("optik.solve_ik with closest=True", "optik ik --closest"),
-                          ("time_limit", "--time-limit"), ("with_limits sets them", "only <limit> is read"),
+                          ("free(path, turn=True, tilt=True)", "--free turn,tilt"), ("time_limit", "--time-limit"),
+                          ("with_limits sets them", "only <limit> is read"),
                           ("with_limits(torque=None)", "--torque none"), ("with_limits(velocity=)", "--velocity")):  # fmt: skip
         words = words.replace(python, typed)
     return words.replace(" (max_restarts)", "")  # no option of `optik plan`

@@ -97,11 +97,11 @@ PREFIX = "robot_descriptions:"
 
 URDF = (".urdf", ".xml", ".xacro")
 """Suffixes of URDF files, and of xacro files, which are expanded."""
-URDF_OPTIONS = {"tip", "base", "gravity", "shapes", "packages", "srdf", "without_shape"}
+URDF_OPTIONS = {"tip", "base", "gravity", "shapes", "packages", "srdf", "without_shape", "hold"}
 """Options that may follow the path of a URDF."""
 URDF_SYNTAX = (
     "options of a URDF, joined by &: tip=LINK, base=LINK, gravity=X,Y,Z, shapes=yes, packages=FOLDER, srdf=FILE, "
-    "without_shape=LINK"
+    "without_shape=LINK, hold=JOINT:VALUE"
 )
 """Syntax of these options, for messages."""
 
@@ -204,7 +204,7 @@ def parse_urdf_options(text: str) -> dict[str, str]:
 
 def _urdf_options(links: dict[str, Any]) -> dict[str, Any]:
     """Return the arguments of `Robot.from_urdf` for the options of a path; any option of shapes implies shapes=yes."""
-    options: dict[str, Any] = {key: value for key, value in links.items() if key not in ("packages", "shapes")}
+    options: dict[str, Any] = {key: value for key, value in links.items() if key not in ("packages", "shapes", "hold")}
     if isinstance(text := links.get("gravity"), str):
         try:
             options["gravity"] = [float(word) for word in text.split(",")]
@@ -212,6 +212,12 @@ def _urdf_options(links: dict[str, Any]) -> dict[str, Any]:
             raise InvalidInput("gravity", repr(text), "three numbers, X,Y,Z") from None
     if isinstance(text := links.get("without_shape"), str):
         options["without_shape"] = text.split(",")
+    if "hold" in links:
+        held = [part.rpartition(":") for part in links["hold"].split(",")]
+        try:
+            options.setdefault("values", {name: float(value) for name, _, value in held})
+        except ValueError:
+            raise InvalidInput("hold", repr(links["hold"]), "JOINT:VALUE,JOINT:VALUE [rad, m]") from None
     if "packages" in links:
         options.setdefault("package_dirs", [links["packages"]])
     implied = "yes" if {"srdf", "packages", "package_dirs", "without_shape"} & set(links) else "no"
@@ -263,8 +269,8 @@ def load(
         of a TOML file as those in ``optik/robots``, of a URDF, of a xacro file (its expressions are run), of a JSON file of
         `Robot.to_dict`, or of a Python file whose ``METHOD`` is a robot or returns one (it is run). Options of a URDF can
         follow its path: ``"./arm.urdf#tip=tool0&base=base_link&gravity=0,0,-1"``, ``shapes=yes`` to read its <collision>
-        elements, with ``packages=FOLDER`` for a folder of packages, ``srdf=FILE``, ``without_shape=LINK,LINK``, and
-        arguments of xacro.
+        elements, with ``packages=FOLDER`` for a folder of packages, ``srdf=FILE``, ``without_shape=LINK,LINK``,
+        ``hold=JOINT:VALUE,JOINT:VALUE``, and arguments of xacro.
     tip, base, values, without_shape : str, str, mapping of str to float, and sequence of str, optional
         For a URDF, as in `Robot.from_urdf`.
     gravity : (3,) array, optional

@@ -39,6 +39,21 @@ def freeze(value: ArrayLike, argument: str) -> Array:
     return array
 
 
+class ByContent:
+    """Base of records that are equal if their contents are."""
+
+    @property
+    def content(self) -> bytes:
+        """The numbers and names, as bytes."""
+        raise NotImplementedError
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, type(self)) and self.content == other.content
+
+    def __hash__(self) -> int:
+        return hash(self.content)
+
+
 def replace_fields(record: R, argument: str, values: Mapping[str, Any]) -> R:
     """Return a copy of a dataclass with some fields replaced."""
     known = [field.name for field in fields(record)]
@@ -48,7 +63,7 @@ def replace_fields(record: R, argument: str, values: Mapping[str, Any]) -> R:
 
 
 @dataclass(frozen=True, eq=False)
-class VelocityByPosition:
+class VelocityByPosition(ByContent):
     """Velocity limits that fall towards the ends of the ranges: −offset + √(2 deceleration r) at a distance r from the end.
 
     Parameters
@@ -79,12 +94,6 @@ class VelocityByPosition:
     def content(self) -> bytes:
         """The numbers, as bytes."""
         return self.offset.tobytes() + self.deceleration.tobytes()
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, VelocityByPosition) and self.content == other.content
-
-    def __hash__(self) -> int:
-        return hash(self.content)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return VelocityByPosition, (self.offset, self.deceleration)

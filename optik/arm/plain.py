@@ -224,9 +224,7 @@ def arm_from_dict(data: Any) -> ArmModel:
 
 def _linkage_to_dict(linkage: Linkage) -> dict[str, Any]:
     """Return the relations of a linkage as plain data."""
-    return {
-        name: [*getattr(linkage, name)] if name == "names" else getattr(linkage, name).tolist() for name in LINKAGE_KEYS
-    }
+    return {name: np.asarray(getattr(linkage, name)).tolist() for name in LINKAGE_KEYS}
 
 
 def _linkage_from_dict(data: Any) -> Linkage:

@@ -365,10 +365,8 @@ def _judge(
         points = readings.points[inliers]
         length, width = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[:2]
         if length > SAME_LINE and width <= NARROW * length:
-            why, advice = (
-                "the points are nearly on one line",
-                "add points away from that line, spread in two directions",
-            )
+            why = "the points are nearly on one line"
+            advice = "add points away from that line, spread in two directions"
         else:
             span = 1e3 * float(np.ptp(points, axis=0).max())
             why, advice = f"the points span only {span:.3g} mm, too little for this noise", "add points farther apart"

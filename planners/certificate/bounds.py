@@ -288,11 +288,8 @@ def _bound_speeds(
     D, work, moves, turns = np.empty((6, n)), np.empty((2, 6)), np.empty(6), np.empty(6)
     # An instant that begins an interval, and the ends of that interval and of those after it, the nearest last.
     left_joints, left_motion = np.empty((6, n)), np.empty((3, 6))
-    t, joints, motion = (
-        np.empty(SPEED_HALVINGS + 1),
-        np.empty((SPEED_HALVINGS + 1, 6, n)),
-        np.empty((SPEED_HALVINGS + 1, 3, 6)),
-    )
+    t, joints = np.empty(SPEED_HALVINGS + 1), np.empty((SPEED_HALVINGS + 1, 6, n))
+    motion = np.empty((SPEED_HALVINGS + 1, 3, 6))
     proved, found, when = out[0], out[1], out[2]
     for i in range(2 * k):
         for part in range(2):

@@ -180,13 +180,13 @@ def _target(found: float, own: int, wanted: SearchOptions) -> float:
 @inlined
 def _judge(
     pair: tuple[int, int, int, int], thick: float, scene: Objects, moved: EndMotion, shift: float,
-    interval: tuple[float, float, bool], least: Array, finer: tuple[Hulls, Array, float, float],
+    interval: tuple[float, float, bool], least: Array, finer: tuple[Hulls, Array, float, float, Array],
 ) -> float:  # fmt: skip
     """Return a lower bound on the distance of a pair (capsule, body, kind, base link) over an interval.
 
     thick: radii and rounding. interval: middle, half length, and whether it is smooth. least (4,): least distance found of this
     kind, its time, the lowest bound and the pair; updated with the distance at the middle. finer: hulls, the frames of the
-    links, the displacement of hulls by turning about the axis, and the distance of capsules from which hulls count.
+    links, the displacement of hulls by turning about the axis, the distance of capsules from which hulls count, and a seed.
 
     Returns [m].
     """
@@ -194,7 +194,8 @@ def _judge(
     near = find_nearest((k, i, kind), scene, moved[0])
     distance, closer = near[0] - (thick - DISTANCE_ROUNDING), -np.inf
     if distance <= finer[3] and finer[0][0].shape[0] > 0:
-        found = refine((k, i, kind), scene, finer[0], finer[1])[0]
+        enough = max(least[0], 0.0) + 2.0 * DISTANCE_ROUNDING + shift + finer[2]
+        found = refine((k, i, kind), scene, finer[0], finer[1], enough, finer[4])[0]
         if found > 0.0:
             distance, closer = max(distance, found), found - DISTANCE_ROUNDING - shift - finer[2]
     if distance < least[0]:
@@ -236,6 +237,7 @@ def _judge_level(
     moved = (np.empty((count, 2, 3)), np.empty((count, 2, n + 1, 3)), away, np.empty_like(away))
     frame, D, joint, spheres = np.empty((n, 4, 4)), np.empty((1, 6, n)), np.empty((4, n)), np.empty((count, 4))
     left, used, axes = np.zeros((nodes[0].shape[0], 2), np.int64), 0, (link, ends_a, ends_b)
+    seed = np.full((2, 4), -1.0)
     for node in range(nodes[0].shape[0]):
         first, last, start, number = nodes[1][node]
         h, smooth, placed = 0.0, True, False
@@ -263,7 +265,7 @@ def _judge_level(
                     spin = 0.0
                     if hulls[0].shape[0] > 0:
                         spin = (radius[k] + DISTANCE_ROUNDING) * turn_between(joint, chain[1], base, link[k])
-                    finer = (hulls, frame, spin, HULLS_FROM + (wanted[0] if own == 0 else 0.0))
+                    finer = (hulls, frame, spin, HULLS_FROM + (wanted[0] if own == 0 else 0.0), seed)
                     judged = _judge((k, i, kind, base), thick, scene, moved, shift, interval, least[own], finer)
                     rough = max(rough, judged)
                     if least[own, 0] < before:

@@ -348,10 +348,8 @@ def choose_coefficients(
     found, most = list(choice.solve()), (1.0 - LEAST_GAIN) * duration
     fast = sorted((one for one in found if one.duration < most), key=lambda one: one.duration)
     near = [one for one in fast if one.duration <= NEARLY * fast[0].duration]
-    outcome, tried = (
-        f"the initial path: {'no other is shorter in time' if found else 'the iteration found no other'}",
-        dict[tuple[float, float], P | None](),
-    )
+    outcome = f"the initial path: {'no other is shorter in time' if found else 'the iteration found no other'}"
+    tried = dict[tuple[float, float], P | None]()
     for order in (fast, sorted(near, key=lambda one: measure_travel(one.path[0]))):
         for solution in order:
             like = round(solution.duration, 5), round(measure_travel(solution.path[0]), 2)

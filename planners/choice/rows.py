@@ -47,6 +47,9 @@ NO_DIRECTION = 1e-12
 """Distance of axes [m] below which the gradient direction is undefined."""
 
 
+NO_PAIRS = np.empty((0, 0), np.int64)
+
+
 class NearPairs:
     """The pairs of shapes with little clearance at each of some configurations, from one step of them to the next.
 
@@ -74,9 +77,12 @@ class NearPairs:
         self._least, size = np.full((count, self._blocks.size - 1), -np.inf), count * pairs
         self._found = np.empty(size, np.int64), np.empty(size, np.int64), np.empty(size)
 
-    def find(self, q: Array, within: float) -> tuple[Indices, Indices, Array]:
-        """Return the pairs with less room than a bound ≥ 0 [m], sorted by configuration: configurations, pairs, and rooms."""
-        blocks, q = (self._blocks, self._least, self._balls), np.ascontiguousarray(q)
+    def find(self, q: Array, within: float, besides: Indices = NO_PAIRS) -> tuple[Indices, Indices, Array]:
+        """Return the pairs with less room than a bound ≥ 0 [m], sorted by configuration: configurations, pairs, and rooms.
+
+        Pairs in `besides` (count, S) are left out at their configuration.
+        """
+        blocks, q = (self._blocks, self._least, self._balls, besides), np.ascontiguousarray(q)
         count = find_near(self._chain, self._bodies, q, self._margin, within, self._memory, blocks, self._found)
         k, pair, room = self._found
         return k[:count].copy(), pair[:count].copy(), room[:count].copy()
@@ -106,9 +112,7 @@ class ClearanceLimits(Statics):
 
     def allows(self, place: ChoicePlace) -> bool:
         """Return whether every pair has its required room."""
-        k, pair, room = self._pairs.find(place.path[0], SLOT_ROOM)
-        other = ~(self._slots[k] == pair[:, None]).any(axis=1)  # those in slots are limited by their slacks
-        k, pair, room = k[other], pair[other], room[other]
+        k, pair, room = self._pairs.find(place.path[0], SLOT_ROOM, self._slots)  # those are limited by their slacks
         self._near = place, k, pair, room
         return not bool((room < self._required[k, self._column[pair]]).any())
 
@@ -161,6 +165,7 @@ def pair_rooms(
     """
     (link, a, b, radius), scene, pairs, hulls = bodies
     frame, places = np.empty((chain[0].shape[0], 4, 4)), np.empty((link.shape[0], 2, 3))
+    seeds = np.full((slots.shape[1], 2, 4), -1.0)
     for k in range(q.shape[0]):
         kinematics.frames(chain, q[k], frame)
         for m in range(link.shape[0]):
@@ -182,7 +187,7 @@ def pair_rooms(
             z = places[m, 0, 2] + share * (places[m, 1, 2] - places[m, 0, 2])
             finer = -1.0
             if room[k, s] <= HULLS_FROM and hulls[0].shape[0] > 0:
-                finer, normal, point = refine((m, i, kind), scene, hulls, frame)
+                finer, normal, point = refine((m, i, kind), scene, hulls, frame, np.inf, seeds[s])
                 least = finer - (margin if kind != SELF else 0.0)
                 if finer > 0.0 and least > room[k, s]:
                     room[k, s], (u0, u1, u2), (x, y, z) = least, normal, point
@@ -221,17 +226,17 @@ def _measure_turns(frame: Array, frames: Array, k: int, turned: Array) -> None:
 
 @inlined
 def _room_of(
-    pair: tuple[int, int, int], at: tuple[Array, Array, Array], bodies: Bodies, margin: float, within: float
+    pair: tuple[int, int, int], at: tuple[Array, Array, Array, Array], bodies: Bodies, margin: float, within: float
 ) -> float:
-    """Return the room of a pair, or a lower bound on it if that is at least `within`; at: places, spheres and frames."""
+    """Return the room of a pair, or a lower bound on it if that is at least `within`; at: places, spheres, frames, a seed."""
     (_link, _a, _b, radius), scene, _pairs, hulls = bodies
-    (m, i, kind), (places, spheres, frame) = pair, at
+    (m, i, kind), (places, spheres, frame, seed) = pair, at
     thick = radius[m] + (radius[i] if kind == SELF else margin + (scene[4][i] if kind == ROUND else 0.0))
     room = bound_distance(read_row(spheres, m), spheres[m, 3], kind, i, scene, spheres) - thick
     if room < within:
         room = find_nearest(pair, scene, places)[0] - thick
         if room <= HULLS_FROM and hulls[0].shape[0] > 0:
-            finer = refine(pair, scene, hulls, frame)[0]
+            finer = refine(pair, scene, hulls, frame, within + margin + SLOT_ROOM, seed)[0]
             if finer > 0.0:
                 room = max(room, finer - (margin if kind != SELF else 0.0))
     return float(room)
@@ -240,22 +245,24 @@ def _room_of(
 @compiled
 def find_near(
     chain: Chain, bodies: Bodies, q: Array, margin: float, within: float,
-    memory: tuple[Array, Array, Array, Array], blocks: tuple[Indices, Array, Array], found: tuple[Indices, Indices, Array],
+    memory: tuple[Array, Array, Array, Array], blocks: tuple[Indices, Array, Array, Indices],
+    found: tuple[Indices, Indices, Array],
 ) -> int:  # fmt: skip
     """Find the pairs with less room than a bound, and return their number.
 
     memory (updated): ends of the capsules (k, m, 2, 3), how far each capsule has moved (k, m), and a lower bound on the room of
     each pair plus the distance that its capsules had moved when it was computed (k, pairs) [m], or 0 if none is known; if the
     arm has hulls, also the frames of the joints (k, n, 4, 4), as hulls turn about the axes of their capsules, too. blocks:
-    where the blocks of pairs begin, the least of these bounds in each (k, blocks) (updated), and spheres around the shapes of
-    each link (n + 1, 4). found (written): configurations, pairs, rooms.
+    where the blocks of pairs begin, the least of these bounds in each (k, blocks) (updated), spheres around the shapes of
+    each link (n + 1, 4), and pairs that are left out at each configuration. found (written): configurations, pairs, rooms.
 
     Shapes and units: q (k, n) [rad, m], margin, within [m].
     """
     (link, a, b, radius), _scene, pairs, _hulls = bodies
-    (places, moved, known, frames), (begin, least, balls) = memory, blocks
+    (places, moved, known, frames), (begin, least, balls, besides) = memory, blocks
     frame, spheres, count = np.empty((chain[0].shape[0], 4, 4)), np.empty((link.shape[0], 4)), 0
     turned = np.zeros((2, chain[0].shape[0] + 1))
+    seeds = np.full((pairs.shape[0] if frames.shape[1] > 0 else 1, 2, 4), -1.0)
     ahead = np.zeros(link.shape[0])  # added to a stored bound of the previous configuration, gives one of this
     for k in range(q.shape[0]):
         kinematics.frames(chain, q[k], frame)
@@ -290,7 +297,11 @@ def find_near(
                 if known[k, p] == 0.0 and k > 0 and known[k - 1, p] != 0.0:
                     known[k, p] = known[k - 1, p] + ahead[m] + (ahead[i] if kind == SELF else 0.0)
                 if known[k, p] == 0.0 or known[k, p] - way < within:
-                    room = _room_of((m, i, kind), (at, spheres, frame), bodies, margin, within)
+                    if besides.shape[0] > 0 and (besides[k] == p).any():
+                        lowest = -np.inf
+                        continue
+                    seed = seeds[min(p, seeds.shape[0] - 1)]
+                    room = _room_of((m, i, kind), (at, spheres, frame, seed), bodies, margin, within)
                     known[k, p] = room + way
                     if room < within:
                         found[0][count], found[1][count], found[2][count] = k, p, room

@@ -32,7 +32,7 @@ from planners.following.failure import (
     format_position,
     joint_unit,
 )
-from planners.following.freed import explain_asked, find_distance, find_immovable, free_arm
+from planners.following.freed import POINT_ADVICE, explain_asked, find_distance, find_immovable, free_arm
 from planners.following.joint_path import Course, IKRecord, JointPath, Nodes, make_empty_guide, thin_knots
 from planners.following.redundancy import MOST_REFINEMENTS, find_null_space_motions
 from planners.following.resolve import Resolution
@@ -116,6 +116,9 @@ class Follower:
         if failure is not None:
             return FollowResult(None, failure)
         followed = self._follow_poses() if given is None else self._follow_joints(given)
+        failure, pose = followed.failure, given is None and self.path.asked == "pose" and not self.path.turns_only
+        if failure is not None and pose and self.robot.n < 6:
+            return followed._replace(failure=replace(failure, advice=POINT_ADVICE + failure.advice))
         if self.collision is None or not followed or followed.joint_path is None:
             return followed
         failure = self.collision.check_path(followed.joint_path)

@@ -45,10 +45,10 @@ Body = tuple[Chain, Capsules, Objects, Indices, Array, Array, Hulls, float]
 """An arm, its capsules, and a scene; the checked pairs (k, 4): capsule, number of the second body, its kind, and its row among
 the boxes; the distance of axes (k,) at which a pair is in contact or within the margin [m]; boxes that enclose the objects
 (rows, 15): centre, the axes of the edges, and half the edges [m, 1]; the hulls of both; and the margin [m]."""
-Work = tuple[Array, Array, EndMotion, Array, Array, Indices, Array, Indices]
+Work = tuple[Array, Array, EndMotion, Array, Array, Indices, Array, Indices, Array]
 """Memory of the checks: joint frames (n, 4, 4), joint motion (4, n), motion of the ends of capsules, spheres (m, 4),
-configuration (n,), and the intervals that are not yet proved: open pairs (depth, pairs), ends (depth, 2), and number of
-open pairs (depth,)."""
+configuration (n,); the intervals that are not yet proved: open pairs (depth, pairs), ends (depth, 2), and number of open
+pairs (depth,); and a seed of `refine`."""
 HALF_SPACE = 1e5
 """Half the edges of the box that encloses the half-space behind a plane [m], as far as an arm can be."""
 FINEST_PROOF = 1e-4
@@ -113,7 +113,8 @@ def make_work(body: Body) -> Work:
     moved = (np.empty((m, 2, 3)), np.zeros((m, 2, n + 1, 3)), np.zeros((m, 2, n + 1)), np.zeros((m, 2, n + 1)))
     spans, counts = np.empty((MOST_OPEN, 2)), np.empty(MOST_OPEN, np.int64)
     open_ = np.empty((MOST_OPEN, max(len(pairs), 1)), np.int64)
-    return np.empty((n, 4, 4)), np.zeros((4, n)), moved, np.empty((m, 4)), np.empty(n), open_, spans, counts
+    seed = np.full((2, 4), -1.0)
+    return np.empty((n, 4, 4)), np.zeros((4, n)), moved, np.empty((m, 4)), np.empty(n), open_, spans, counts, seed
 
 
 @inlined
@@ -136,9 +137,12 @@ def _rough_distance(spheres: Array, boxes: Array, k: int, i: int, kind: int, row
 
 
 @inlined
-def _hull_gap(pair: tuple[int, int, int], scene: Objects, hulls: Hulls, frame: Array, margin: float) -> float:
-    """Return a lower bound on the distance of a pair by its hulls, less the margin and rounding."""
-    return refine(pair, scene, hulls, frame)[0] - DISTANCE_ROUNDING - (margin if pair[2] != SELF else 0.0)
+def _hull_gap(
+    pair: tuple[int, int, int], scene: Objects, hulls: Hulls, frame: Array, margin: float, enough: float, seed: Array
+) -> float:
+    """Return a lower bound on the distance of a pair by its hulls, less the margin and rounding; above `enough` if possible."""
+    less = DISTANCE_ROUNDING + (margin if pair[2] != SELF else 0.0)
+    return refine(pair, scene, hulls, frame, enough + less + DISTANCE_ROUNDING, seed)[0] - less
 
 
 @inlined
@@ -157,6 +161,7 @@ def find_blocked(body: Body, q: Array, work: Work) -> int:
     """
     chain, (link, ends_a, ends_b, _radius), scene, pairs, thick, boxes, hulls, margin = body
     frame, places, spheres = work[0], work[2][0], work[3]
+    work[8][0, 0] = -1.0
     kinematics.frames(chain, q, frame)
     for k in range(link.shape[0]):
         a = transform_point(frame, link[k], read_row(ends_a, k))
@@ -170,7 +175,7 @@ def find_blocked(body: Body, q: Array, work: Work) -> int:
         if _rough_distance(spheres, boxes, k, i, kind, pairs[p, 3]) > thick[p]:
             continue
         if find_nearest((k, i, kind), scene, places)[0] <= thick[p]:
-            if hulls[0].shape[0] > 0 and _hull_gap((k, i, kind), scene, hulls, frame, margin) > 0.0:
+            if hulls[0].shape[0] > 0 and _hull_gap((k, i, kind), scene, hulls, frame, margin, 0.0, work[8]) > 0.0:
                 continue
             return p
     return -1
@@ -249,13 +254,13 @@ def find_unproved(body: Body, a: Array, b: Array, deviation: Array, work: Work) 
     Shapes and units: a, b, deviation (n,) [rad, m].
     """
     chain, (link, ends_a, ends_b, radius), scene, pairs, thick, boxes, hulls, margin = body
-    frame, joint, moved, spheres, _q, open_, spans, counts = work
+    frame, joint, moved, spheres, _q, open_, spans, counts, seed = work
     away, axes, (length, slack) = moved[2], (link, ends_a, ends_b), _measure(a, b, deviation)
     if not slack:
         last = find_blocked(body, b, work)
         if last >= 0:
             return last
-    spans[0, 0], spans[0, 1], counts[0], top = 0.0, 1.0, pairs.shape[0], 0
+    spans[0, 0], spans[0, 1], counts[0], top, seed[0, 0] = 0.0, 1.0, pairs.shape[0], 0, -1.0
     open_[0, : pairs.shape[0]] = np.arange(pairs.shape[0])
     while top >= 0:
         low, high, number = spans[top, 0], spans[top, 1], counts[top]
@@ -278,7 +283,7 @@ def find_unproved(body: Body, a: Array, b: Array, deviation: Array, work: Work) 
                 free, speed = _free_half(near, gap, moved, k, base, h, slack, kind == CLOUD)
             if free < h and gap <= HULLS_FROM and hulls[0].shape[0] > 0:
                 rate = shift + (radius[k] + DISTANCE_ROUNDING) * turn_between(joint, chain[1], base, link[k])
-                finer = _hull_gap((k, i, kind), scene, hulls, frame, margin)
+                finer = _hull_gap((k, i, kind), scene, hulls, frame, margin, rate, seed)
                 gap, free = max(gap, finer), max(free, _free_of_hulls(finer, rate, h, slack))
             if gap <= 0.0:
                 return int(p)

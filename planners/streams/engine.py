@@ -415,11 +415,8 @@ def clip_joints(robot: Robot, q: Array, argument: str) -> Array:
     i = int((excess := np.abs(q - clipped)).argmax())
     if excess[i] > ROUNDED:
         words = f"{q[i]:.6g} for {robot.joint_names[i]}, {excess[i]:.3g} outside"
-        asked, expected = (
-            ask_for_degrees(ends, ~robot.prismatic, q),
-            f"a value in [{ends.lower[i]:.6g}, {ends.upper[i]:.6g}]",
-        )
-        raise InvalidInput(argument, words, expected, advice=asked)
+        expected = f"a value in [{ends.lower[i]:.6g}, {ends.upper[i]:.6g}]"
+        raise InvalidInput(argument, words, expected, advice=ask_for_degrees(ends, ~robot.prismatic, q))
     return clipped
 
 

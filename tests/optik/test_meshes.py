@@ -208,7 +208,8 @@ def test_a_package_is_found_above_the_file_and_beside_the_folders_above_it(tmp_p
     named = MeshFolders(here, {"parts": tmp_path / "parts"})
     assert named.file("package://parts/a.stl", "x") == tmp_path.resolve() / "parts" / "a.stl", "a named one first"
     (ws / "package.xml").write_text("<package><name> fine_arm </name></package>")
-    assert MeshFolders(here).file("package://fine_arm/parts/a.stl", "x") == ws / "parts" / "a.stl", "named in its file"
+    for each in (MeshFolders(here), MeshFolders(None, [ws])):
+        assert each.file("package://fine_arm/parts/a.stl", "x") == ws / "parts" / "a.stl", "named in its file"
     for name in ("../../../parts/a.stl", str(tmp_path / "ws" / "parts" / "a.stl")):
         assert MeshFolders(here).file(name, "x") == ws / "parts" / "a.stl", "in the package of the file"
     with pytest.raises(InvalidInput, match="elsewhere"):

@@ -13,7 +13,7 @@ measured to sampled points of the mesh, which can only make them larger.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from itertools import combinations
+from itertools import combinations, pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -33,6 +33,8 @@ MOST_POINTS = 200_000
 """Most points on a mesh: with fewer than `SPACING` requires, the bound is larger, never too small."""
 EXCESS_STEP = 5e-4
 """Accuracy of the bound [m]."""
+UNEQUAL = np.array([0.4391, 0.7127, 0.5469])
+"""A direction along which different points of a mesh have different coordinates, or one of them is left out."""
 MOST_OPEN_CELLS = 100_000
 """Most cells that are divided: beyond it, the bound is less accurate."""
 
@@ -124,7 +126,8 @@ def sample_points(triangles: Array) -> Any:
         middle = 0.5 * (a + b)
         points.append(middle)
         todo = np.concatenate((np.stack((a, middle, c), axis=1), np.stack((middle, b, c), axis=1)))
-    return cKDTree(np.concatenate(points))
+    every = np.concatenate(points)
+    return cKDTree(every[np.unique(every @ UNEQUAL, return_index=True)[1]])
 
 
 def measure_excess(capsules: list[Capsule], tree: Any) -> list[Capsule]:
@@ -227,19 +230,18 @@ def _divide(
     capsules = [fit_capsule(piece.triangles) for piece in pieces]
     if not capsules:
         return None
-    before = found[i].excess * _size([found[i]])
-    if _rate(capsules, others, tree) > WORTH_A_CUT * before:
+    every = measure_excess([*found[:i], *capsules, *found[i + 1 :]], tree)
+    worst = max(c.excess for c in every[i : i + len(capsules)])
+    if worst * _size(capsules) > WORTH_A_CUT * found[i].excess * _size([found[i]]):
         return None
-    return [*parts[:i], *pieces, *parts[i + 1 :]], measure_excess([*found[:i], *capsules, *found[i + 1 :]], tree)
+    return [*parts[:i], *pieces, *parts[i + 1 :]], every
 
 
-def _rate(
-    capsules: list[Capsule], others: list[Capsule], tree: Any, *, coarse: bool = False, enough: float = np.inf
-) -> float:
+def _rate(capsules: list[Capsule], others: list[Capsule], tree: Any, enough: float) -> float:
     """Return the product of the largest excess of some capsules of a mesh and their size, or a part of it from `enough` on."""
     size, worst = _size(capsules), 0.0
     for k, c in enumerate(capsules):
-        worst = max(worst, bound_excess(c, [*others, *capsules[:k], *capsules[k + 1 :]], tree, coarse=coarse))
+        worst = max(worst, bound_excess(c, [*others, *capsules[:k], *capsules[k + 1 :]], tree, coarse=True))
         if worst * size >= enough:
             break
     return worst * size
@@ -355,16 +357,19 @@ def _cut(part: Part, others: list[Capsule], tree: Any, most: int) -> list[Part]:
     least = np.inf
     for u in find_axes(points):
         low, high = float((points @ u).min()), float((points @ u).max())
-        for cuts in (c for count in range(1, min(most, 3)) for c in combinations(CUTS, count)):
-            offsets = [low + share * (high - low) for share in cuts]
-            pieces = _slabs(few, u, offsets)
-            if min(len(piece) for piece in pieces) == 0:
+        offsets = [low + share * (high - low) for share in CUTS]
+        slabs = [_hull(slab.reshape(-1, 3)) for slab in _slabs(few, u, offsets)]
+        fits: dict[tuple[int, int], Capsule] = {}
+        for cuts in (c for count in range(1, min(most, 3)) for c in combinations(range(len(CUTS)), count)):
+            spans = [(k + 1, m + 1) for k, m in pairwise((-1, *cuts, len(CUTS)))]
+            if min(sum(map(len, slabs[k:m])) for k, m in spans) == 0:
                 continue
-            capsules = [fit_roughly(piece.reshape(-1, 3)) for piece in pieces]
-            enough = (1.0 if len(pieces) == 2 else WORTH_A_CUT) * least  # a third capsule must reduce it more
-            worst = _rate(capsules, others, tree, coarse=True, enough=enough)
+            for k, m in spans:
+                fits[k, m] = fits.get((k, m)) or fit_roughly(np.concatenate(slabs[k:m]))
+            enough = (1.0 if len(cuts) == 1 else WORTH_A_CUT) * least  # a third capsule must reduce it more
+            worst = _rate([fits[span] for span in spans], others, tree, enough)
             if worst < enough:
-                best, least = (u, offsets), worst
+                best, least = (u, [offsets[k] for k in cuts]), worst
     return part.cut(*best) if best is not None else []
 
 

@@ -153,53 +153,64 @@ def find_farthest(corners: Array, first: int, last: int, T: Pose, v: Triple) -> 
 
 @compiled
 def hull_distance(
-    corners: Array, spans: tuple[int, int, int, int], T: Pose, U: Pose, towards: Triple, least: float
+    corners: Array, spans: tuple[int, int, int, int], T: Pose, U: Pose, towards: Triple, least: float, seed: Array
 ) -> tuple[float, float, Triple, Triple]:
     """Return a lower bound on the distance of two hulls, the distance found, a unit normal, and the nearest point of the first.
 
     For a vector v and all points a and b of the hulls, v·(a − b) is at least its value h at the corner that is the farthest
     along −v of the first hull and along v of the second, because a linear function has its least value at a corner. So
     |a − b| ≥ h / |v|, whatever v is: the bound holds at every step, and rounding and degenerate corners can only make it
-    smaller. The distance found is that of two points of the hulls, so it is at least the true one. The search ends where both
-    agree, where the bound reaches `least`, or where the hulls intersect (then the bound is at most 0).
+    smaller. The distance found is that of two points of the hulls, so it is at least the true one, infinite before there are
+    any. The search ends where both agree, where the bound reaches `least`, or where the hulls intersect (then the bound is at
+    most 0).
 
     spans: first and last corner of each hull. T, U: their poses. towards: a first direction, from the second hull to the first.
+    seed (4,): a number, and pairs of corners with which the search begins, −1 for none; updated with those of its end.
     """
-    points, at, shares, work = np.empty((4, 3)), np.zeros(4), np.zeros(4), np.empty((5, 4))
-    v, length, bound, normal = towards, 1.0, -np.inf, (1.0, 0.0, 0.0)
-    point, count, begins = (0.0, 0.0, 0.0), 0, True
-    for _ in range(MOST_STEPS):
-        i = find_farthest(corners, spans[0], spans[1], T, (-v[0], -v[1], -v[2]))
-        j = find_farthest(corners, spans[2], spans[3], U, v)
+    points, at, shares, work = np.empty((4, 3)), np.empty(4), np.zeros(4), np.empty((5, 4))
+    v, far, bound, normal, total = towards, np.inf, -np.inf, (1.0, 0.0, 0.0), corners.shape[0]
+    count, size = 0, sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+    for step in range(MOST_STEPS):
+        known = step < 3 and seed[step + 1] >= 0.0
+        if known:
+            i, j = int(seed[step + 1]) // total, int(seed[step + 1]) % total
+        else:
+            i = find_farthest(corners, spans[0], spans[1], T, (-v[0], -v[1], -v[2]))
+            j = find_farthest(corners, spans[2], spans[3], U, v)
         a = _place(T, corners[i, 0], corners[i, 1], corners[i, 2])
         b = _place(U, corners[j, 0], corners[j, 1], corners[j, 2])
         m = (a[0] - b[0], a[1] - b[1], a[2] - b[2])
-        if begins:
-            count, begins = 1, False
-            points[0, 0], points[0, 1], points[0, 2], at[0], shares[0] = m[0], m[1], m[2], i, 1.0
-        else:
-            ahead = (v[0] * m[0] + v[1] * m[1] + v[2] * m[2]) / length
+        if not known and size > 0.0:
+            ahead = (v[0] * m[0] + v[1] * m[1] + v[2] * m[2]) / size
             if ahead > bound:
-                bound, normal = ahead, (v[0] / length, v[1] / length, v[2] / length)
-            if length - bound <= HULL_ERROR or bound >= least:
+                bound, normal = ahead, (v[0] / size, v[1] / size, v[2] / size)
+            if far - bound <= HULL_ERROR or bound >= least:
                 break
-            points[count, 0], points[count, 1], points[count, 2] = m
-            at[count], shares[count] = i, 0.0
-            count = reduce_simplex(points, at, shares, count + 1, work)
+        points[count, 0], points[count, 1], points[count, 2] = m
+        at[count], shares[count], before = i * total + j, 1.0 if count == 0 else 0.0, count
+        count = reduce_simplex(points, at, shares, count + 1, work) if count > 0 else 1
+        if count == 0 and known:
+            seed[1:] = -1.0
+            continue
         x, y, z = 0.0, 0.0, 0.0
         for k in range(count):
             x, y, z = x + shares[k] * points[k, 0], y + shares[k] * points[k, 1], z + shares[k] * points[k, 2]
         shorter = sqrt(x * x + y * y + z * z)
-        if count == 0 or (bound > -np.inf and shorter >= length):  # rounding
+        if count == 0 or (not known and shorter >= far):  # rounding
+            count = max(count, before)
             break
-        v, length, point = (x, y, z), shorter, (0.0, 0.0, 0.0)
-        for k in range(count):
-            c = int(at[k])
-            p = _place(T, corners[c, 0], corners[c, 1], corners[c, 2])
-            point = point[0] + shares[k] * p[0], point[1] + shares[k] * p[1], point[2] + shares[k] * p[2]
-        if count == 4 or length <= HULL_ERROR:
+        v, far, size = (x, y, z), shorter, shorter
+        if count == 4 or far <= HULL_ERROR:
             break
-    return bound, length, normal, point
+    total_share, p = 0.0, (0.0, 0.0, 0.0)
+    seed[1:] = -1.0
+    for k in range(count):
+        c = int(at[k]) // total
+        a, total_share = _place(T, corners[c, 0], corners[c, 1], corners[c, 2]), total_share + shares[k]
+        p = p[0] + shares[k] * a[0], p[1] + shares[k] * a[1], p[2] + shares[k] * a[2]
+        if k < 3:
+            seed[k + 1] = at[k]
+    return bound, far, normal, p
 
 
 @inlined
@@ -210,29 +221,42 @@ def _is_far(a: Triple, b: Triple, reach: float) -> bool:
 
 
 @compiled
-def nearest_hulls(one: int, other: int, hulls: Hulls, frame: Array) -> tuple[float, Triple, Triple]:
+def nearest_hulls(
+    one: int, other: int, hulls: Hulls, frame: Array, least: float, seed: Array
+) -> tuple[float, Triple, Triple]:
     """Return a lower bound on the distance of two bodies by their hulls, a unit normal, and the nearest point of the first.
 
     Each hull is rounded: all points within its radius belong to it, so the radii of both are subtracted. At most 0 in contact.
+    From `least` on the bound is `least`, without normal and point. seed (2, 4), updated: the pair of hulls that was the nearest
+    at another configuration, and the corners that decided, or −1; and memory.
 
     Shapes and units: frame (n, 4, 4) [1, m]. Returns [m, 1, m].
     """
     index, heads, corners, _kinds = hulls
     T, U = pose_of(frame, index[one, 1]), pose_of(frame, index[other, 1])
-    best, normal, point = np.inf, (1.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-    for i in range(index[one, 0], index[one + 1, 0]):
-        c = _place(T, heads[i, 2], heads[i, 3], heads[i, 4])
-        for j in range(index[other, 0], index[other + 1, 0]):
-            d = _place(U, heads[j, 2], heads[j, 3], heads[j, 4])
-            off, thick = (c[0] - d[0], c[1] - d[1], c[2] - d[2]), heads[i, 6] + heads[j, 6]
-            if _is_far(c, d, best + heads[i, 5] + heads[j, 5]):
-                continue
-            spans = (int(heads[i, 0]), int(heads[i, 1]), int(heads[j, 0]), int(heads[j, 1]))
-            bound, _found, n, p = hull_distance(corners, spans, T, U, off, best + thick)
-            if bound - thick < best:
-                best, normal, point = bound - thick, n, p
-                if best <= 0.0:
-                    return best, normal, point
+    best, normal, point, first, count = least, (1.0, 0.0, 0.0), (0.0, 0.0, 0.0), int(seed[0, 0]), heads.shape[0]
+    rows, columns = index[one + 1, 0] - index[one, 0], index[other + 1, 0] - index[other, 0]
+    for turn in range(-1, rows * columns):  # first the pair that was the nearest
+        i, j = (first // count, first % count) if turn < 0 else (turn // columns, turn % columns)
+        if turn >= 0:
+            i, j = i + index[one, 0], j + index[other, 0]
+        elif not (index[one, 0] <= i < index[one + 1, 0] and index[other, 0] <= j < index[other + 1, 0]):
+            continue
+        if turn >= 0 and i * count + j == first:
+            continue
+        c, d = _place(T, heads[i, 2], heads[i, 3], heads[i, 4]), _place(U, heads[j, 2], heads[j, 3], heads[j, 4])
+        off, thick = (c[0] - d[0], c[1] - d[1], c[2] - d[2]), heads[i, 6] + heads[j, 6]
+        if _is_far(c, d, best + heads[i, 5] + heads[j, 5]):
+            continue
+        spans, at = (int(heads[i, 0]), int(heads[i, 1]), int(heads[j, 0]), int(heads[j, 1])), min(turn + 1, 1)
+        if turn >= 0:
+            seed[1] = -1.0
+        bound, _found, n, p = hull_distance(corners, spans, T, U, off, best + thick, seed[at])
+        if bound - thick < best:
+            best, normal, point = bound - thick, n, p
+            seed[0, 0], seed[0, 1:] = i * count + j, seed[at, 1:]
+            if best <= 0.0:
+                break
     return best, normal, point
 
 
@@ -243,10 +267,26 @@ def distances_from_hull(corners: Array, points: Array, out: Array) -> None:
     Shapes and units: corners (v, 3), points (k, 3) [m], out (k,) [m].
     """
     both, T = np.concatenate((corners, points)), (1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0)
-    count, c = corners.shape[0], corners[0]
+    count, c, seed = corners.shape[0], corners[0], np.full(4, -1.0)
     for k in range(points.shape[0]):
-        towards = (points[k, 0] - c[0], points[k, 1] - c[1], points[k, 2] - c[2])
-        out[k] = hull_distance(both, (count + k, count + k + 1, 0, count), T, T, towards, np.inf)[1]
+        towards, seed[1:] = (points[k, 0] - c[0], points[k, 1] - c[1], points[k, 2] - c[2]), -1.0
+        out[k] = hull_distance(both, (count + k, count + k + 1, 0, count), T, T, towards, np.inf, seed)[1]
+
+
+@compiled
+def mark_behind(points: Array, planes: Array, slack: float, behind: Flags) -> None:
+    """Write which points are behind all planes, or at most so far in front of one; the plane of the last one is tried first.
+
+    Shapes and units: points (k, 3), slack [m], planes (f, 4) [1, m], behind (k,).
+    """
+    last, count = 0, planes.shape[0]
+    for k in range(points.shape[0]):
+        behind[k] = True
+        for i in range(count):
+            n = planes[(last + i) % count]
+            if n[0] * points[k, 0] + n[1] * points[k, 1] + n[2] * points[k, 2] > n[3] + slack:
+                behind[k], last = False, (last + i) % count
+                break
 
 
 @compiled
@@ -255,13 +295,15 @@ def find_contacts(chain: Chain, hulls: Hulls, pairs: Indices, q: Array, touching
 
     Shapes and units: pairs (p, 3) of two bodies and the number of the pair of parts, q (k, n) [rad, m], touching (parts, k).
     """
-    frame = np.empty((q.shape[1], 4, 4))
+    frame, seed = np.empty((q.shape[1], 4, 4)), np.full((2, 4), -1.0)
     touching[:] = False
     for k in range(q.shape[0]):
         kinematics.frames(chain, q[k], frame)
         for p in range(pairs.shape[0]):
             if not touching[pairs[p, 2], k]:
-                touching[pairs[p, 2], k] = nearest_hulls(pairs[p, 0], pairs[p, 1], hulls, frame)[0] <= 0.0
+                touching[pairs[p, 2], k] = (
+                    nearest_hulls(pairs[p, 0], pairs[p, 1], hulls, frame, HULL_ERROR, seed)[0] <= 0.0
+                )
 
 
 @inlined
@@ -273,7 +315,7 @@ def _is_met(i: int, j: int, meshes: Hulls, T: Pose, U: Pose) -> bool:
         return False
     spans = (int(heads[i, 0]), int(heads[i, 1]), int(heads[j, 0]), int(heads[j, 1]))
     off = (c[0] - d[0], c[1] - d[1], c[2] - d[2])
-    return bool(hull_distance(corners, spans, T, U, off, np.inf)[1] <= HULL_ERROR)
+    return bool(hull_distance(corners, spans, T, U, off, 2.0 * HULL_ERROR, np.full(4, -1.0))[1] <= HULL_ERROR)
 
 
 @compiled
@@ -314,6 +356,8 @@ MOST_HULLS = 8
 """Most hulls of the part of a mesh in one capsule."""
 WORTH_HALVING = 0.03
 """A part is cut if this reduces the volume of its hulls by at least this fraction of the volume of the body's hulls."""
+WORTH_FREEING = 8e-6
+"""Volume [m³] that is worth a cut of any part."""
 CHOOSING_TRIANGLES = 300
 """Number of triangles of a larger part from which its cut is chosen."""
 RING = 32
@@ -370,7 +414,9 @@ def find_hull(points: Array) -> Solid:
 
 def is_behind(points: Array, planes: Array, slack: float) -> Flags:
     """Return which points (..., 3) are behind all planes, or at most so far in front of one."""
-    return np.asarray((points @ planes[:, :3].T <= planes[:, 3] + slack).all(axis=-1))
+    behind = np.empty(points.shape[:-1], np.bool_)
+    mark_behind(points.reshape(-1, 3), planes, slack, behind.reshape(-1))
+    return behind
 
 
 def round_hull(points: Array) -> Hull:
@@ -413,7 +459,7 @@ def _cut(part: Part, around: tuple[Solid, Capsule]) -> list[Solid]:
     """Cut the part of a mesh by planes, the piece first whose hulls become smaller by the most; return the hulls."""
     pieces = [(part, _hull_of(part, around))]
     halves = [_halve(*pieces[0], around)]
-    least = WORTH_HALVING * pieces[0][1].volume
+    least = min(WORTH_HALVING * pieces[0][1].volume, WORTH_FREEING)
     while len(pieces) < MOST_HULLS:
         rows = zip(pieces, halves, strict=True)
         gains = [hull.volume - sum(half.volume for _, half in both) if both else 0.0 for (_, hull), both in rows]

@@ -102,7 +102,7 @@ class MeshFolders:
         found = [(self._named[package], self._named[package] / inner)] if package in self._named else []
         for root in self._roots:
             found.append((root, root / path))
-            if root.name == package:
+            if package in _list_names(root):
                 found.append((root, root / inner))
         if self._beside is not None and (own := find_package(package, self._beside)) is not None:
             found.append((own, own / inner))

@@ -534,11 +534,8 @@ def relax_sequences(
     """
     if not given:
         return []
-    s, q, limits = (
-        np.concatenate([one.s for one in given]),
-        np.concatenate([one.q for one in given]),
-        sampler.arm.limits,
-    )
+    s, q = np.concatenate([one.s for one in given]), np.concatenate([one.q for one in given])
+    limits = sampler.arm.limits
     row, last = (np.concatenate([np.arange(len(one.s))[::way] for one in given]) for way in (1, -1))  # from both ends
     (sigma, sides), regular = sampler.regularity(q), REGULAR * (1 + caution)
     poses, step = np.ascontiguousarray(path.pose(s)), np.ones(len(q))
