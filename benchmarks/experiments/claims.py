@@ -1,4 +1,4 @@
-"""The claims of the paper on executed motions, on parameters of the iteration and on the line, each from the data of a run."""
+"""The claims of the paper on executed motions, on parameters of the iteration and on the line, from the data of a run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Processes and Dask clusters for the parts of a run; work that crashes is repeated apart, then divided, to find the cause."""
+"""Processes and Dask clusters for the parts of a run; work that crashes is repeated apart, then divided to find the cause."""
 
 from __future__ import annotations
 

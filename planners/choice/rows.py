@@ -9,7 +9,7 @@ import numpy as np
 from optik import kinematics, se3
 from optik.arm.robot import Robot
 from optik.compiled import compiled, inlined
-from optik.kinematics import Chain
+from optik.kinematics import Chain, Triple
 from optik.scene import Scene
 from optik.scene.contact import (
     HULLS_FROM,
@@ -45,9 +45,8 @@ BLOCK = 32
 """Number of pairs of a capsule that are skipped together."""
 NO_DIRECTION = 1e-12
 """Distance of axes [m] below which the gradient direction is undefined."""
-
-
 NO_PAIRS = np.empty((0, 0), np.int64)
+"""No pairs that are left out."""
 
 
 class NearPairs:
@@ -243,6 +242,19 @@ def _room_of(
 
 
 @compiled
+def _move(ends: Array, u: Triple, v: Triple) -> float:
+    """Return how far an axis moves at most: from its ends (2, 3) to u and v."""
+    return max(length_between(read_row(ends, 0), u), length_between(read_row(ends, 1), v))
+
+
+@compiled
+def _room_of_balls(frame: Array, balls: Array, m: int, i: int) -> float:
+    """Return the room between the spheres around the shapes of two links."""
+    u, v = transform_point(frame, m, read_row(balls, m)), transform_point(frame, i, read_row(balls, i))
+    return length_between(u, v) - balls[m, 3] - balls[i, 3]
+
+
+@compiled
 def find_near(
     chain: Chain, bodies: Bodies, q: Array, margin: float, within: float,
     memory: tuple[Array, Array, Array, Array], blocks: tuple[Indices, Array, Array, Indices],
@@ -250,11 +262,10 @@ def find_near(
 ) -> int:  # fmt: skip
     """Find the pairs with less room than a bound, and return their number.
 
-    memory (updated): ends of the capsules (k, m, 2, 3), how far each capsule has moved (k, m), and a lower bound on the room of
-    each pair plus the distance that its capsules had moved when it was computed (k, pairs) [m], or 0 if none is known; if the
-    arm has hulls, also the frames of the joints (k, n, 4, 4), as hulls turn about the axes of their capsules, too. blocks:
-    where the blocks of pairs begin, the least of these bounds in each (k, blocks) (updated), spheres around the shapes of
-    each link (n + 1, 4), and pairs that are left out at each configuration. found (written): configurations, pairs, rooms.
+    memory (updated): ends of the capsules (k, m, 2, 3), how far each has moved (k, m), a lower bound on the room of each pair
+    plus the distance that its capsules had moved then (k, pairs) [m], or 0, and with hulls the frames of the joints
+    (k, n, 4, 4). blocks: where the blocks of pairs begin, the least of these bounds in each (k, blocks) (updated), spheres
+    around the shapes of each link (n + 1, 4), pairs left out. found (written): configurations, pairs, rooms.
 
     Shapes and units: q (k, n) [rad, m], margin, within [m].
     """
@@ -270,22 +281,18 @@ def find_near(
         _measure_turns(frame, frames, k, turned)
         for m in range(link.shape[0]):
             u, v = transform_point(frame, link[m], read_row(a, m)), transform_point(frame, link[m], read_row(b, m))
-            moved[k, m] += max(length_between(read_row(at[m], 0), u), length_between(read_row(at[m], 1), v))
             thick = radius[m] + DISTANCE_ROUNDING if frames.shape[1] > 0 else 0.0
-            moved[k, m] += thick * turned[0, link[m]]
+            moved[k, m] += _move(at[m], u, v) + thick * turned[0, link[m]]
             at[m, 0, 0], at[m, 0, 1], at[m, 0, 2] = u
             at[m, 1, 0], at[m, 1, 1], at[m, 1, 2] = v
             spheres[m, 0], spheres[m, 1], spheres[m, 2] = middle_of(u, v)
             spheres[m, 3] = 0.5 * length_between(u, v)
-            before = places[max(k - 1, 0), m]
-            step = max(length_between(read_row(before, 0), u), length_between(read_row(before, 1), v))
+            step = _move(places[max(k - 1, 0), m], u, v)
             ahead[m] = moved[k, m] - moved[max(k - 1, 0), m] - (step + thick * turned[1, link[m]])
         for block in range(least.shape[1]):
             first, lowest, m = begin[block], np.inf, pairs[begin[block], 0]
             if pairs[first, 2] == SELF:
-                m, i = link[m], link[pairs[first, 1]]
-                u, v = transform_point(frame, m, read_row(balls, m)), transform_point(frame, i, read_row(balls, i))
-                free = length_between(u, v) - balls[m, 3] - balls[i, 3]
+                free = _room_of_balls(frame, balls, link[m], link[pairs[first, 1]])
             else:
                 least[k, block] = max(least[k, block], least[max(k - 1, 0), block] + ahead[m])
                 free = least[k, block] - moved[k, m]
