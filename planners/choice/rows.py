@@ -273,8 +273,7 @@ def find_near(
     (places, moved, known, frames), (begin, least, balls, besides) = memory, blocks
     frame, spheres, count = np.empty((chain[0].shape[0], 4, 4)), np.empty((link.shape[0], 4)), 0
     turned = np.zeros((2, chain[0].shape[0] + 1))
-    seeds = np.full((pairs.shape[0] if frames.shape[1] > 0 else 1, 2, 4), -1.0)
-    ahead = np.zeros(link.shape[0])  # added to a stored bound of the previous configuration, gives one of this
+    seeds, ahead = np.full((pairs.shape[0] if frames.shape[1] > 0 else 1, 2, 4), -1.0), np.zeros(link.shape[0])
     for k in range(q.shape[0]):
         kinematics.frames(chain, q[k], frame)
         at = places[k]
@@ -287,8 +286,10 @@ def find_near(
             at[m, 1, 0], at[m, 1, 1], at[m, 1, 2] = v
             spheres[m, 0], spheres[m, 1], spheres[m, 2] = middle_of(u, v)
             spheres[m, 3] = 0.5 * length_between(u, v)
-            step = _move(places[max(k - 1, 0), m], u, v)
-            ahead[m] = moved[k, m] - moved[max(k - 1, 0), m] - (step + thick * turned[1, link[m]])
+            step = _move(places[max(k - 1, 0), m], u, v) + thick * turned[1, link[m]]
+            ahead[m] = (
+                moved[k, m] - moved[max(k - 1, 0), m] - step
+            )  # added to a bound of the configuration before: one of this
         for block in range(least.shape[1]):
             first, lowest, m = begin[block], np.inf, pairs[begin[block], 0]
             if pairs[first, 2] == SELF:

@@ -1,4 +1,4 @@
-"""Capsules that enclose a mesh, or links beside a chain at every value of their joints, with a proved bound of their excess.
+"""Capsules that enclose a mesh, or links beside a chain at every value of their joints, with a proved excess.
 
 A capsule is convex, so it encloses a triangle if it encloses its corners. A mesh that one capsule encloses badly is cut by
 planes, and each part gets its own capsule. The cut face of a solid lies in the convex hull of its edge, which is part of the
