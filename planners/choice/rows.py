@@ -276,7 +276,7 @@ def find_near(
     seeds, ahead = np.full((pairs.shape[0] if frames.shape[1] > 0 else 1, 2, 4), -1.0), np.zeros(link.shape[0])
     for k in range(q.shape[0]):
         kinematics.frames(chain, q[k], frame)
-        at = places[k]
+        at, last = places[k], max(k - 1, 0)
         _measure_turns(frame, frames, k, turned)
         for m in range(link.shape[0]):
             u, v = transform_point(frame, link[m], read_row(a, m)), transform_point(frame, link[m], read_row(b, m))
@@ -286,16 +286,14 @@ def find_near(
             at[m, 1, 0], at[m, 1, 1], at[m, 1, 2] = v
             spheres[m, 0], spheres[m, 1], spheres[m, 2] = middle_of(u, v)
             spheres[m, 3] = 0.5 * length_between(u, v)
-            step = _move(places[max(k - 1, 0), m], u, v) + thick * turned[1, link[m]]
-            ahead[m] = (
-                moved[k, m] - moved[max(k - 1, 0), m] - step
-            )  # added to a bound of the configuration before: one of this
+            step = _move(places[last, m], u, v) + thick * turned[1, link[m]]
+            ahead[m] = moved[k, m] - moved[last, m] - step  # added to a bound of the configuration before: one of this
         for block in range(least.shape[1]):
             first, lowest, m = begin[block], np.inf, pairs[begin[block], 0]
             if pairs[first, 2] == SELF:
                 free = _room_of_balls(frame, balls, link[m], link[pairs[first, 1]])
             else:
-                least[k, block] = max(least[k, block], least[max(k - 1, 0), block] + ahead[m])
+                least[k, block] = max(least[k, block], least[last, block] + ahead[m])
                 free = least[k, block] - moved[k, m]
             if free >= within:
                 continue
@@ -312,8 +310,7 @@ def find_near(
                     room = _room_of((m, i, kind), (at, spheres, frame, seed), bodies, margin, within)
                     known[k, p] = room + way
                     if room < within:
-                        found[0][count], found[1][count], found[2][count] = k, p, room
-                        count += 1
+                        found[0][count], found[1][count], found[2][count], count = k, p, room, count + 1
                 lowest = min(lowest, known[k, p])
             least[k, block] = lowest
     return count

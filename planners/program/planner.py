@@ -1,4 +1,4 @@
-"""The planner of a program: it follows parts, joins them into sections, reconfigures between them; ProgramPlan, its result."""
+"""The planner of a program: it follows parts, joins them into sections and reconfigures between them; its result."""
 
 from __future__ import annotations
 

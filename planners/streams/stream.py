@@ -1,4 +1,4 @@
-"""stream(): set-points at a fixed rate from a running motion, which join targets as they come, and end at rest without them."""
+"""stream(): set-points at a fixed rate from a running motion, which join targets as they come, else end at rest."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Hulls of the parts of a body, closer to it than capsules, and a proved lower bound of their distance by Wolfe's algorithm.
+"""Hulls of the parts of a body, closer to it than capsules, and a lower bound of their distance by Wolfe's algorithm.
 
 The part of a mesh in a capsule is cut by planes as long as this makes the hulls of both pieces much smaller than that of the
 part. An extreme point of the solid between the planes is on the surface, or where three planes meet. So a hull of the cut

@@ -1,4 +1,4 @@
-"""Newton step of the barrier problem, with or without coefficients of a free path: linear-quadratic over the stages; compiled.
+"""Newton step of the barrier problem, with or without coefficients of a free path: linear-quadratic over stages.
 
 The backward sweep computes the cost to go (Riccati); the sign of every pivot shows whether the step is a descent direction. The
 forward sweep computes the step, and the multipliers of the dynamics. The coefficients of a free path border the stages
