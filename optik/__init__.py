@@ -2,11 +2,10 @@
 
 from optik import errors as errors
 from optik import ik as ik
-from optik.arm.dh import DHRow
 from optik.arm.inertia import Inertia, Payload
 from optik.arm.library import load
 from optik.arm.limits import JointLimits, VelocityByPosition
-from optik.arm.robot import Robot
+from optik.arm.robot import DHRow, Robot
 from optik.arm.shapes import Shapes
 from optik.errors import OptikError
 from optik.ik import IKResult, IKStatus, Tolerance, solve_ik, solve_ik_batch

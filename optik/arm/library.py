@@ -74,11 +74,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optik.arm.dh import DHRow
 from optik.arm.inertia import STANDARD_GRAVITY, Inertia
 from optik.arm.limits import DYNAMIC_LIMITS, JointLimits, VelocityByPosition, warn_of_degrees
 from optik.arm.plain import read_list, read_pose, read_record, read_vector, read_word
-from optik.arm.robot import Robot
+from optik.arm.robot import DHRow, Robot
 from optik.arm.shapes import Shapes
 from optik.arm.shapes.urdf import Folders, MeshFolders, find_package
 from optik.check import check_count, check_flag, check_number, check_words, format_value, locate_error

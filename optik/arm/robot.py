@@ -6,13 +6,12 @@ import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from optik import kinematics, se3
-from optik.arm.dh import DHRow, check_rows, screw_x, screw_z
 from optik.arm.inertia import Inertia
 from optik.arm.limits import JointLimits
 from optik.arm.model import UNIT_LENGTH, ArmDynamics, ArmModel
@@ -20,13 +19,57 @@ from optik.arm.plain import arm_from_dict, arm_to_dict
 from optik.arm.shapes import Shapes
 from optik.arm.summary import COLUMNS, describe_robot, joint_rows, tool_facts
 from optik.card import Card
-from optik.check import real_array
+from optik.check import check_flag, real_array
 from optik.errors import InvalidInput, RobotModelError
 from optik.types import Array
 
 if TYPE_CHECKING:
     from optik.arm.compare import ArmComparison
     from optik.arm.shapes.urdf import Folders
+
+
+class DHRow(NamedTuple):
+    """One row of a Denavit–Hartenberg table.
+
+    Lengths in metres, angles in radians. ``theta`` (revolute) or ``d`` (prismatic) is the joint's offset at q = 0.
+    """
+
+    a: float = 0.0
+    alpha: float = 0.0
+    d: float = 0.0
+    theta: float = 0.0
+    prismatic: bool = False
+
+
+def screw_x(angle: float, length: float) -> Array:
+    """Return the transform Rot(x, angle) Trans(x, length)."""
+    return se3.pose(se3.exp_so3([angle, 0.0, 0.0]), (length, 0.0, 0.0))
+
+
+def screw_z(angle: float, length: float) -> Array:
+    """Return the transform Rot(z, angle) Trans(z, length)."""
+    return se3.pose(se3.exp_so3([0.0, 0.0, angle]), (0.0, 0.0, length))
+
+
+def check_table(rows: Iterable[DHRow | Mapping[str, Any]]) -> list[DHRow]:
+    """Check the rows of a table; return them as `DHRow`."""
+    table = []
+    if not isinstance(rows, Iterable):
+        raise InvalidInput("rows", repr(rows)[:60], "a list of DHRow or of mappings")
+    for i, row in enumerate(rows):
+        try:
+            named = row if isinstance(row, DHRow) else DHRow(**row)
+        except TypeError:
+            wanted = "a DHRow, or a mapping with a, alpha, d, theta, prismatic"
+            raise InvalidInput(f"rows[{i}]", repr(row)[:80], wanted) from None
+        for field in ("a", "alpha", "d", "theta"):
+            value = getattr(named, field)
+            real = isinstance(value, int | float | np.integer | np.floating)
+            if not real or not np.isfinite(value):
+                raise RobotModelError("table", f"joint {i + 1}: {field} is {value!r}, expected a finite number")
+        check_flag(named.prismatic, f"rows[{i}].prismatic")
+        table.append(named)
+    return table
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +185,7 @@ class Robot(ArmDynamics):
         RobotModelError
             Not a serial arm.
         """
-        table = check_rows(rows)
+        table = check_table(rows)
         fixed = [screw_x(r.alpha, r.a) @ screw_z(r.theta, r.d) for r in table]
         return _assemble(fixed, np.eye(4), table, limits, options)
 
@@ -161,7 +204,7 @@ class Robot(ArmDynamics):
         -------
         Robot
         """
-        table = check_rows(rows)
+        table = check_table(rows)
         before = [np.eye(4), *(screw_x(r.alpha, r.a) for r in table)]
         fixed = [b @ screw_z(r.theta, r.d) for b, r in zip(before, table, strict=False)]
         if isinstance(options.get("inertia"), Inertia) and options["inertia"].mass.size == len(table):

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from optik import Robot, newton
-from optik.arm.dh import DHRow
 from optik.arm.library import load
 from optik.arm.limits import JointLimits
+from optik.arm.robot import DHRow
 from optik.errors import InvalidInput
 from optik.ik import make_solver
 from optik.se3 import exp_so3
