@@ -36,15 +36,16 @@ class Count(NamedTuple):
 
 def problems(arm: oracles.Arm, count: int, rng: np.random.Generator) -> tuple[Any, Any]:
     """Targets within reach and some beyond, some at limits and straight; starts near the solution and anywhere."""
-    q = rng.uniform(arm.lower, arm.upper, (count, arm.n))
+    low, high = oracles.span(arm)
+    q = rng.uniform(low, high, (count, arm.n))
     special = rng.random(q.shape) < 0.2 * (rng.random(count) < 0.2)[:, None]
-    ends = np.where(rng.random(q.shape) < 0.5, arm.lower, arm.upper)
-    q = np.where(special, np.where(rng.random(q.shape) < 0.3, np.clip(0.0, arm.lower, arm.upper), ends), q)
+    ends = np.where(rng.random(q.shape) < 0.5, low, high)
+    q = np.where(special, np.where(rng.random(q.shape) < 0.3, np.clip(0.0, low, high), ends), q)
     targets = oracles.fk(arm, q)
     targets[::20, :3, 3] += rng.normal(0.0, 0.5, (len(targets[::20]), 3))
     near = q + rng.normal(0.0, rng.choice([0.01, 0.1, 1.0], count)[:, None], q.shape)
-    starts = np.where(rng.random(count)[:, None] < 0.5, near, rng.uniform(arm.lower, arm.upper, q.shape))
-    return targets, np.clip(starts, arm.lower, arm.upper)
+    starts = np.where(rng.random(count)[:, None] < 0.5, near, rng.uniform(low, high, q.shape))
+    return targets, np.clip(starts, low, high)
 
 
 def judged(arm: oracles.Arm, batch: Any, targets: Any, task: str) -> Count:
