@@ -38,4 +38,6 @@ def pytest_configure(config: pytest.Config) -> None:
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     if part := config.getoption("--part"):
         k, count = map(int, part.split("/"))
-        items[:] = [item for item in items if (crc32(item.nodeid.encode()) - k) % count == 0]
+        mine = {item for item in items if (crc32(item.nodeid.encode()) - k) % count == 0}
+        config.hook.pytest_deselected(items=[item for item in items if item not in mine])
+        items[:] = [item for item in items if item in mine]
