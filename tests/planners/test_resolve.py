@@ -245,7 +245,7 @@ def test_values_on_the_circle_are_wound_and_unwound() -> None:
 
 
 # ---------------------------------------------------------------- whole plans
-@pytest.mark.parametrize("case", [0, 5])
+@pytest.mark.parametrize("case", [0, pytest.param(5, marks=pytest.mark.soak)])
 def test_lines_that_only_a_freedom_makes_possible_are_planned(case: int) -> None:
     row = resolve_lines.measure(case)
     for law in resolve_lines.LAWS:
@@ -317,7 +317,7 @@ def test_a_program_refuses_reconfigurations() -> None:
         plan(robot, Program([Part(q + 0.1)]), q, limits=LIMITS, reconfigurations=1)
 
 
-@pytest.mark.parametrize("case", [0, 1, 2, 3])
+@pytest.mark.parametrize("case", [0, *(pytest.param(case, marks=pytest.mark.soak) for case in (1, 2, 3))])
 def test_seams_among_boxes_are_planned_without_a_start(case: int) -> None:
     row = resolve_seams.measure(case)
     assert row["certified"], row
@@ -360,6 +360,7 @@ def test_a_wrong_resolution_is_refused(resolve: Any, limit: float) -> None:
 
 
 # ---------------------------------------------------------------- reconfigurations
+@pytest.mark.soak
 @pytest.mark.parametrize("case", [0])
 def test_seams_that_need_reconfigurations_are_cut_where_few_suffice(case: int) -> None:
     row = resolve_cuts.measure(case)
