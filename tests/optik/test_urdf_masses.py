@@ -40,7 +40,7 @@ def inertial(rng: np.random.Generator) -> str:
 
 
 def tree(seed: int) -> str:
-    """A chain of six joints, some of them fixed, with links on its sides; some links have no masses, no two joints one effort."""
+    """A chain of six joints, some fixed, with links on its sides, some without masses; no two joints have one effort."""
     rng = np.random.default_rng(seed)
     kinds = [*rng.permutation(["revolute", "prismatic", "fixed", "revolute", "fixed"]), "revolute"]
     links = [(f"l{i}", inertial(rng) if rng.random() < 0.8 else "") for i in range(7)]
