@@ -28,7 +28,7 @@ FAR = 0.2
 """Least distance [m] from the motion of an obstacle that must not matter."""
 TURN = (-1.6, 1.6)
 SEEDS = st.integers(0, 2**32 - 1)
-FEW = settings(max_examples=settings().max_examples // 5)
+FEW = settings(max_examples=settings().max_examples // 6)
 
 
 def draw(seed: int) -> tuple[Robot, Path, Array]:
