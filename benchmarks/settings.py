@@ -21,7 +21,7 @@ from pydantic_core.core_schema import no_info_before_validator_function
 
 from optik.check import check_count, check_number, format_value
 from optik.errors import InvalidInput, OptikError
-from optik.plugins.options import find_nearest_name
+from optik.plugins.files import find_nearest_name
 from optik.registry import check_name, short_name
 
 Model = TypeVar("Model", bound="Settings")

@@ -15,8 +15,7 @@ from benchmarks.records import slug
 from benchmarks.settings import check_different
 from optik.check import check_count
 from optik.errors import InvalidInput, UnknownName
-from optik.plugins.files import is_path
-from optik.plugins.usage import UsedPlugin, collect_plugins
+from optik.plugins.files import UsedPlugin, collect_plugins, is_path
 from optik.registry import check_name, data_file
 
 SUITES = "benchmarks.suites"

@@ -11,7 +11,7 @@ from pydantic_core import PydanticUndefined
 
 from benchmarks.blocks.base import GROUP, load_kind
 from benchmarks.blocks.block import Target
-from benchmarks.blocks.cell.settings import CellMethod, Noise
+from benchmarks.blocks.cell import CellMethod, Noise
 from benchmarks.blocks.entries import IKPeer, Law, LawPeer, Method
 from benchmarks.blocks.freedom import FreeSet
 from benchmarks.blocks.timing.settings import Example, LimitSet, LineSet

@@ -21,7 +21,7 @@ size, speed = rng.uniform(0.2, 0.5, n), rng.uniform(1.0, 2.5, n)
 targets, state = [], {"seen": 0.0, "due": 0.0, "chunk": None}  # the newest target at each tick; the policy's own
 
 
-def policy(now: planners.Setpoint) -> planners.Chunk | None:
+def policy(now: planners.streams.Setpoint) -> planners.streams.Chunk | None:
     """Return a second of targets at 20 Hz, up to 0.3 s after the policy looked."""
     if (chunk := state["chunk"]) is not None:  # what a loop without a planner sends: the chunk's target of this instant
         targets.append((now.t, chunk.points[min(int((now.t - chunk.observed) * 20.0), 19)]))
@@ -29,7 +29,7 @@ def policy(now: planners.Setpoint) -> planners.Chunk | None:
         return None
     t = state["seen"] + np.arange(20)[:, None] / 20.0
     points = home + size * np.sin(t * speed) + rng.normal(size=(20, n)) * 1e-3 + rng.normal(size=n) * 4e-3
-    chunk = planners.Chunk(points, rate=20.0, observed=state["seen"])
+    chunk = planners.streams.Chunk(points, rate=20.0, observed=state["seen"])
     state.update(seen=now.t, due=now.t + rng.uniform(0.0, 0.3), chunk=chunk)
     return chunk
 

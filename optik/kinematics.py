@@ -42,7 +42,7 @@ def axis_of(chain: Chain, i: int) -> tuple[int, float]:
 
 
 @inlined
-def turns(chain: Chain, i: int) -> bool:
+def turns_whole(chain: Chain, i: int) -> bool:
     """Return whether whole turns of joint i leave all links in place."""
     if len(chain) == 3:
         return not chain[1][i]

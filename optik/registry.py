@@ -16,9 +16,21 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from optik.errors import InvalidInput, MissingDependency, UnknownName
-from optik.plugins.files import MODULES, SUFFIXES, import_file, is_path, name_method, split_links
-from optik.plugins.options import defaults, find_nearest_name
-from optik.plugins.usage import UsedPlugin, in_finished_run, note, resolve_file, suggest_file
+from optik.plugins.files import (
+    MODULES,
+    SUFFIXES,
+    UsedPlugin,
+    defaults,
+    find_nearest_name,
+    import_file,
+    in_finished_run,
+    is_path,
+    name_method,
+    note,
+    resolve_file,
+    split_links,
+    suggest_file,
+)
 
 GROUPS = (
     "optik.ik",

@@ -88,7 +88,7 @@ class TextTable(NamedTuple):
             expected = f"a unit for each of {','.join(names)}, or for none"
             raise InvalidInput(self.locate(None, *bare), "no unit", expected)
         cells = [self.read_cells(row, names) for row in range(len(self.lines))]
-        values = np.array([[read_number(cell) for cell in row] for row in cells]).reshape(len(cells), len(names))
+        values = np.array([[read_cell(cell) for cell in row] for row in cells]).reshape(len(cells), len(names))
         for row, j in np.argwhere(~np.isfinite(values))[:1]:
             raise InvalidInput(self.locate(row, names[j]), repr(cells[row][j])[:60], "a finite number")
         return np.asarray(values * [self.columns[name].size for name in names])
@@ -115,7 +115,7 @@ class TextTable(NamedTuple):
     def make_header_error(self, expected: str, advice: str = "", names: Sequence[str] = ()) -> InvalidInput:
         """Return an error about the columns."""
         names = names or list(self.columns)
-        advice = NO_HEADER if any(isfinite(read_number(name)) for name in names) else advice
+        advice = NO_HEADER if any(isfinite(read_cell(name)) for name in names) else advice
         return InvalidInput(self.locate(), repr(",".join(names))[:160], expected, advice=advice)
 
     def select_rows(self, rows: Iterable[int]) -> TextTable:
@@ -173,7 +173,7 @@ def _read_header(table: TextTable, first: str, given: tuple[str, ...]) -> tuple[
     separator = next((each for each in (*fitting, *SEPARATORS) if each in first), ",")
     cells = _split(first, separator)
     cells = cells if cells[-1] else cells[:-1]  # a separator may end the line
-    data = [isfinite(read_number(cell)) or cell.lower() in ("nan", "inf") for cell in cells]
+    data = [isfinite(read_cell(cell)) or cell.lower() in ("nan", "inf") for cell in cells]
     if given and not any(data):
         table.notes.append(f"the columns {','.join(cells)} are read as {','.join(given)}"[:200])
     names = given or cells
@@ -186,7 +186,7 @@ def _read_header(table: TextTable, first: str, given: tuple[str, ...]) -> tuple[
 
 def _holds_numbers(cells: list[str], count: int) -> bool:
     """Return whether there are `count` cells of numbers or of text without digits; a separator may end the line."""
-    numbers = all(isfinite(read_number(cell)) or not re.search(r"\d", cell) for cell in cells)
+    numbers = all(isfinite(read_cell(cell)) or not re.search(r"\d", cell) for cell in cells)
     return len(cells) - (not cells[-1]) <= count <= len(cells) and numbers
 
 
@@ -199,7 +199,7 @@ def _split(line: str, separator: str) -> list[str]:
     return [cell.strip() for cell in next(csv.reader([line], delimiter=separator, skipinitialspace=True, strict=True))]
 
 
-def read_number(cell: str) -> float:
+def read_cell(cell: str) -> float:
     """Return a number with a decimal point or comma, or NaN."""
     if "," in cell or "_" in cell or not cell.isascii():  # Python reads more than tables mean
         return float(cell.replace(",", ".")) if DECIMAL.fullmatch(cell) else nan

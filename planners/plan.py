@@ -22,14 +22,11 @@ from planners.limits import MotionLimits, check_path
 from planners.motion import PlanStatus
 from planners.paths.base import Path
 from planners.paths.goal import check_winding, path_to
-from planners.planning.planner import MotionPlanner
-from planners.planning.request import PlanRequest
+from planners.planning.planner import MotionPlanner, PlanRequest
 from planners.planning.result import Plan, PlanSeconds
-from planners.program.following import Options
+from planners.program.following import FollowOptions
 from planners.program.parts import Program
-from planners.program.planner import plan_program
-from planners.program.reconfigure import reconfigure
-from planners.program.result import ProgramPlan
+from planners.program.planner import ProgramPlan, plan_program, reconfigure
 from planners.search.base import SearchLike
 from planners.timing import LawLike, make_law
 
@@ -62,7 +59,7 @@ def plan(
         Equally spaced samples of the path. Keep the branch of ``q_start``, the default with one, or choose branch and winding.
     duration, strict : float, optional, and bool
         Duration [s] to which the law's motion is slowed; a tool speed that is set in the law must stay the same. Refuse a
-        motion that exceeds a limit enforced by its law, instead of slowing it uniformly (`Plan.slowed`).
+        motion that exceeds a limit enforced by its law, instead of slowing it uniformly (`Plan.stretch_factor`).
     tolerance, rate : Tolerance or (2,) tuple of float, and float
         Largest distance [m] and angle [rad] between tool and path of a valid motion; the controller's rate [1/s].
     scene : Scene, optional
@@ -137,7 +134,9 @@ def _plan_program(
         raise InvalidInput(which, repr(got)[:60], "none for a program: each part chooses for itself (Part.avoid)")
     shared = {"solver": solver, "timing": timing, "samples": samples, "rate": rate, "allow": allow}
     alone = partial(plan, strict=_check_options(duration, strict), winding=winding, **shared, **search)
-    options = Options(solver, _check_limits(robot, limits), samples, Tolerance.of(tolerance), scene, winding, search)
+    options = FollowOptions(
+        solver, _check_limits(robot, limits), samples, Tolerance.of(tolerance), scene, winding, search
+    )
     return plan_program(robot, program, q_start, alone, options, duration)
 
 

@@ -33,7 +33,7 @@ from benchmarks.run.pool import Pool, ThisProcess, attempt
 from benchmarks.suite import load_suite
 from optik import registry
 from optik.errors import AssumptionWarning, InvalidInput, MissingDependency, UnknownName
-from optik.plugins import files, usage
+from optik.plugins import files
 from planners.paths import path_of
 from tests import conftest
 from tests.oracles import REPOSITORY
@@ -150,7 +150,7 @@ def test_a_file_that_was_edited_is_imported_anew_unless_it_fails_or_a_run_is_goi
         ):
             assert said() == "two"
     file.write_text(whole)
-    with files.expected(usage.record_plugins([usage.UsedPlugin("optik.ik", "stay_3", file)])):
+    with files.expected(files.record_plugins([files.UsedPlugin("optik.ik", "stay_3", file)])):
         write(file, said="three")
         with pytest.raises(InvalidInput, match="SHA-256"):
             said()
@@ -177,7 +177,7 @@ def test_two_files_of_one_name_are_refused(tmp_path: Path) -> None:
     registry.load_method("optik.ik", first)
     with pytest.raises(InvalidInput, match=r"b/stay_4.py.*another file, .*a/stay_4.py"):
         registry.load_method("optik.ik", second)
-    with usage.collect_plugins(tmp_path), pytest.raises(InvalidInput, match=r"a/beside.py and .*b/beside.py"):
+    with files.collect_plugins(tmp_path), pytest.raises(InvalidInput, match=r"a/beside.py and .*b/beside.py"):
         for folder in "ab":
             write(tmp_path / folder / "beside.py")
             registry.check_name("benchmarks.problems", f"{folder}/beside.py", "problem set")
@@ -225,7 +225,7 @@ def test_a_file_whose_suffix_was_forgotten_is_offered(tmp_path: Path, monkeypatc
     with pytest.raises(InvalidInput, match=r"expected \./slow\.py, which is one; got '\./slow', which is no file"):
         optik.ik.make_solver(paper6r(), "./slow")
     monkeypatch.chdir(tmp_path.parent)
-    with usage.collect_plugins(tmp_path), pytest.raises(UnknownName, match=r"\./slow\.py$"):
+    with files.collect_plugins(tmp_path), pytest.raises(UnknownName, match=r"\./slow\.py$"):
         registry.check_name("optik.ik", "slow", "IK method")
 
 
@@ -322,7 +322,7 @@ def test_a_file_imports_its_neighbours_and_they_are_part_of_it(tmp_path: Path, m
         env=os.environ | {"PYTHONPATH": str(REPOSITORY)},
     )  # fmt: skip
     assert there.stdout.split() == [b"two"], there.stderr.decode()
-    (recorded,) = usage.record_plugins([usage.UsedPlugin("optik.ik", "says", file)])
+    (recorded,) = files.record_plugins([files.UsedPlugin("optik.ik", "says", file)])
     sums = "".join(
         f"{hashlib.sha256(one.read_bytes()).hexdigest()}  {one.name}\n"
         for one in (file, file.with_name("words.py"), deep)
@@ -335,7 +335,7 @@ def test_a_file_imports_its_neighbours_and_they_are_part_of_it(tmp_path: Path, m
     with pytest.raises(InvalidInput, match="SHA-256"):
         files.expect([recorded])
     with pytest.raises(InvalidInput, match="as when the run began"):
-        usage.check_same_plugins([recorded], usage.record_plugins([usage.UsedPlugin("optik.ik", "says", file)]))
+        files.check_same_plugins([recorded], files.record_plugins([files.UsedPlugin("optik.ik", "says", file)]))
 
 
 def test_a_neighbour_that_is_missing_is_no_missing_package(tmp_path: Path) -> None:
@@ -348,7 +348,7 @@ def test_a_neighbour_that_is_missing_is_no_missing_package(tmp_path: Path) -> No
 
 def test_a_worker_checks_the_files_once_a_part(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = write(tmp_path / "stay_10.py", said="a")
-    recorded = usage.record_plugins([usage.UsedPlugin("optik.ik", "stay_10", file)])
+    recorded = files.record_plugins([files.UsedPlugin("optik.ik", "stay_10", file)])
     read, taken = [], files.digest
     monkeypatch.setattr(files, "digest", lambda one: read.append(one) or taken(one))
     for part in range(2):
@@ -362,7 +362,7 @@ def test_a_worker_checks_the_files_once_a_part(tmp_path: Path, monkeypatch: pyte
 
 def test_the_first_process_and_executors_check_the_files_as_workers_do(tmp_path: Path) -> None:
     file = write(tmp_path / "stay_11.py", said="a")
-    recorded = usage.record_plugins([usage.UsedPlugin("optik.ik", "stay_11", file)])
+    recorded = files.record_plugins([files.UsedPlugin("optik.ik", "stay_11", file)])
     with ThreadPoolExecutor(1) as executor:
         pools = ThisProcess(recorded), Pool(executor, 1, recorded)
         assert [pool.run_apart(abs, -1) for pool in pools] == [1, 1]
@@ -597,7 +597,7 @@ def test_a_motion_of_plug_ins_is_saved_loaded_and_certified_but_reading_it_runs_
 ) -> None:
     arm, spiral, tsv = paper6r(), EXAMPLES / "spiral.py", EXAMPLES / "tsv.py"
     data = {"start": arm.fk(START).tolist(), "radius": 0.02, "turns": 1.0, "rise": 0.02}
-    path = planners.make_path(spiral, arm, **data)
+    path = planners.paths.make_path(spiral, arm, **data)
     limits = planners.MotionLimits(2.0, 10.0, 100.0)
     plan = planners.plan(arm, path, START, solver=EXAMPLES / "jt.py", timing=EXAMPLES / "law.py", limits=limits)
     assert plan, plan.failure
@@ -616,12 +616,14 @@ def test_a_motion_of_plug_ins_is_saved_loaded_and_certified_but_reading_it_runs_
         with pytest.raises(UnknownName, match="unknown path"):
             path_of(path.to_dict() | {"path": named}, arm)
     with pytest.raises(InvalidInput, match="radius_m"):
-        planners.make_path(spiral, arm, **data, radius_m=1.0)
+        planners.paths.make_path(spiral, arm, **data, radius_m=1.0)
 
 
 def test_the_law_of_the_example_passes_the_middle_slowly() -> None:
     path, limits = default_joint_path(), planners.MotionLimits(2.0, 10.0, 100.0)
-    slow, even = (planners.make_law(EXAMPLES / "law.py", slowness=x).run(path, limits).slowed(1.0) for x in (8.0, 0.0))
+    slow, even = (
+        planners.make_law(EXAMPLES / "law.py", slowness=x).run(path, limits).stretched(1.0) for x in (8.0, 0.0)
+    )
     middle = 0.5 * (path.robot.limits.lower + path.robot.limits.upper)
     half = 0.5 * (path.robot.limits.upper - path.robot.limits.lower)
 
@@ -700,7 +702,7 @@ def test_misuse_is_one_line(arguments: list[str], words: str) -> None:
 # ---------------------------------------------------------------- suites: what may run, and what is recorded
 def test_a_suite_s_plug_ins_are_noted_without_running_them_and_start_at_its_folder(tmp_path: Path) -> None:
     bomb = write(tmp_path / "methods" / "bomb.py", "raise SystemExit('run')")
-    with usage.collect_plugins(tmp_path) as found:
+    with files.collect_plugins(tmp_path) as found:
         assert registry.check_name("optik.ik", "./methods/bomb.py", "IK method") == str(bomb)
         assert registry.check_name("optik.ik", "lm", "IK method") == "lm"
         assert registry.check_name("optik.ik", "methods/bomb.py", "IK method") == str(bomb)
@@ -708,38 +710,38 @@ def test_a_suite_s_plug_ins_are_noted_without_running_them_and_start_at_its_fold
             registry.check_name("optik.ik", "./bomb.py", "IK method")
     assert found == [("optik.ik", "bomb", bomb)]
     with pytest.raises(InvalidInput, match=r"--allow-plugins.*methods/bomb.py"):
-        usage.check_allowed(found, False)
-    usage.check_allowed(found, True)
-    usage.check_allowed([], False)
+        files.check_allowed(found, False)
+    files.check_allowed(found, True)
+    files.check_allowed([], False)
 
 
 def test_the_settings_of_a_finished_run_are_read_where_its_files_are_gone() -> None:
-    with usage.collect_plugins(None) as found:
+    with files.collect_plugins(None) as found:
         assert registry.check_name("optik.ik", "./gone.py", "IK method") == "./gone.py"
     assert found == []
 
 
 def test_what_a_run_records_refuses_other_files_and_versions(installed: Path, tmp_path: Path) -> None:
     file = write(tmp_path / "stay_6.py", said="a")
-    with usage.collect_plugins(tmp_path) as found:
+    with files.collect_plugins(tmp_path) as found:
         registry.check_name("optik.ik", "./stay_6.py", "IK method")
         registry.check_name("optik.ik", "stay_put", "IK method")
-    first = usage.record_plugins(found)
+    first = files.record_plugins(found)
     assert [(row["name"], sorted(row)) for row in first] == [
         ("stay_6", ["group", "name", "path", "sha256"]), ("stay_put", ["distribution", "group", "name", "version"])
     ]  # fmt: skip
     first.reverse()
-    usage.check_same_plugins(first, usage.record_plugins(found))
-    usage.check_same_plugins(first, [first[0], first[1] | {"path": "elsewhere"}])
+    files.check_same_plugins(first, files.record_plugins(found))
+    files.check_same_plugins(first, [first[0], first[1] | {"path": "elsewhere"}])
     write(file, said="b")
     for now in (
-        usage.record_plugins(found),
+        files.record_plugins(found),
         first[:1],
         [first[0] | {"version": "2.0"}, first[1]],
         [*first, first[1] | {"name": "x"}],
     ):
         with pytest.raises(InvalidInput, match=r"^plug-in .*as when the run began; restore it, or use another --out"):
-            usage.check_same_plugins(first, now)
+            files.check_same_plugins(first, now)
     with pytest.raises(InvalidInput, match="SHA-256"):
         files.expect(first)
     with pytest.raises(InvalidInput, match="SHA-256"):

@@ -20,7 +20,7 @@ LOAD = """
 from numba.core.registry import cpu_target
 from optik.compiled import archive
 from optik.compiled.cache import rebuild
-from optik.compiled.fingerprint import VERSIONS
+from optik.compiled.cache import VERSIONS
 
 context, shipped = cpu_target.target_context, archive.open_archive()
 context.refresh()

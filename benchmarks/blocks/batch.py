@@ -15,11 +15,9 @@ import numpy as np
 import polars as pl
 
 from benchmarks.blocks.base import NUMBER, TEXT, WHOLE, Field, Kind, Session, Shard, fields_of
-from benchmarks.blocks.block import Target
-from benchmarks.blocks.columns import Column
+from benchmarks.blocks.block import Column, Target
 from benchmarks.blocks.contest import fresh
-from benchmarks.blocks.entries import ProblemBlock, check_set
-from benchmarks.blocks.judgement import judge_configurations
+from benchmarks.blocks.entries import ProblemBlock, check_set, judge_configurations
 from benchmarks.problems.base import SETS
 from benchmarks.settings import LISTED, Count, Options, SolverName, key
 from optik.arm.library import load

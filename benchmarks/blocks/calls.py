@@ -13,12 +13,20 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator
 
 from benchmarks.blocks.base import BlockRows, Kind, Session, Shard, chunks
-from benchmarks.blocks.block import Entry, Target
-from benchmarks.blocks.columns import Column
-from benchmarks.blocks.contest import Contestant, clock_cost
-from benchmarks.blocks.entries import IKPeer, Method, ProblemBlock, check_set, need_problems, store_problems
-from benchmarks.blocks.judgement import JUDGED_AT, level_name, shared, solved_at
-from benchmarks.blocks.rounds import FIELDS, Rounds, build_ours, callers_of, timed_part
+from benchmarks.blocks.block import Column, Entry, Target
+from benchmarks.blocks.contest import FIELDS, Contestant, Rounds, build_ours, callers_of, clock_cost, timed_part
+from benchmarks.blocks.entries import (
+    JUDGED_AT,
+    IKPeer,
+    Method,
+    ProblemBlock,
+    check_set,
+    level_name,
+    need_problems,
+    shared,
+    solved_at,
+    store_problems,
+)
 from benchmarks.records import RunFolder
 from benchmarks.settings import LISTED, Count, Entries, check_different, key
 from benchmarks.statistics import shifted_geometric_mean

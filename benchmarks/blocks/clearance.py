@@ -11,10 +11,9 @@ import numpy as np
 import polars as pl
 from pydantic import BeforeValidator
 
-from benchmarks.blocks.arms import SceneName, scene_named
 from benchmarks.blocks.base import NUMBER, TEXT, TRUTH, WHOLE, Field, Kind, Session, Trials, fields_of
-from benchmarks.blocks.block import Block, Entry
-from benchmarks.blocks.columns import Column, count, median, quantile, share
+from benchmarks.blocks.block import Block, Column, Entry, count, median, quantile, share
+from benchmarks.blocks.entries import SceneName, scene_named
 from benchmarks.peers.models import pinocchio_model
 from benchmarks.settings import Count, RobotName, key, numbered
 from optik.arm.library import load

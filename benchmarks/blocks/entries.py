@@ -1,11 +1,15 @@
-"""Entries and problem sets of a block as a suite's file has them: methods, laws and peers with options, and problems."""
+"""Entries of a block: methods, laws, peers, problem sets and arms as suites name them; judgement of their answers."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 import polars as pl
-from pydantic import AfterValidator, Field, model_validator
+from numpy.typing import NDArray
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from benchmarks.blocks.block import Block, Entry
 from benchmarks.problems.base import SETS, ProblemSet
@@ -25,13 +29,91 @@ from benchmarks.settings import (
     named,
     naming,
 )
+from benchmarks.statistics import percentage
+from optik.arm.inertia import payload_masses
 from optik.arm.library import load
 from optik.arm.robot import Robot
 from optik.check import check_count
+from optik.dynamics import torques_batch
 from optik.errors import InvalidInput
-from optik.plugins.usage import resolve_data_file
+from optik.ik import Tolerance
+from optik.plugins.files import resolve_data_file
 from optik.registry import build_method, short_name
-from planners.limits import limit_names
+from optik.scene import Scene
+from optik.types import Array, Flags
+from planners.limits import DERIVATIVES, LOADED, limit_names
+from planners.trajectory import Trajectory
+
+# ---------------- arms with a payload and scenes
+
+
+def arm_label(robot: str, payload: float | tuple[float, float] | None) -> str:
+    """Return the name of an arm in reports."""
+    if payload is None:
+        return short_name(robot)
+    low, high = payload_masses(payload)
+    return f"{short_name(robot)} " + (f"{low:g} kg" if low == high else f"{low:g} to {high:g} kg")
+
+
+def arm_with(robot: str, payload: float | tuple[float, float] | None) -> Robot:
+    """Load an arm and give it a payload."""
+    arm = load(robot)
+    return arm if payload is None else arm.with_payload(payload)
+
+
+def _payload(value: Any) -> float | tuple[float, float]:
+    try:
+        low, high = payload_masses(value)
+    except InvalidInput as error:
+        raise InvalidInput("", error.got, error.expected) from None
+    return high if low == high else (low, high)
+
+
+Payload = Annotated[float | tuple[float, float] | None, BeforeValidator(_payload)]
+"""Mass of the payload [kg], or the lightest and the heaviest; by default that of the robot's own file."""
+
+
+SCENES = {file.stem: str(file) for file in sorted((Path(__file__).parent / "scenes").glob("*.toml"))}
+"""Files of the built-in scenes by name."""
+
+
+def _scene(value: Any) -> str:
+    if isinstance(value, str) and value in SCENES:
+        return value
+    if isinstance(value, str) and "." not in value and "/" not in value:
+        raise InvalidInput("", repr(value), f"one of {', '.join(SCENES)}, or the path of a file")
+    return resolve_data_file(value, "scene")
+
+
+SceneName = Annotated[str, BeforeValidator(_scene)]
+"""The name of a built-in scene, or the path of a file."""
+
+
+def scene_named(name: str, margin: float = 0.0) -> Scene:
+    """Load a scene; a margin [m] replaces the scene's own."""
+    scene = Scene.load(SCENES.get(name, name))
+    return replace(scene, margin=margin) if margin else scene
+
+
+JOINT_LIMITS = (*DERIVATIVES, *LOADED)
+"""Limits on every joint: for each, reports show the largest ratio to it, with its joint and its time."""
+
+
+def sample_torques(robot: Robot, motion: Trajectory, t: Array) -> tuple[Array, Array]:
+    """Return torques and their rates at instants."""
+    states = np.ascontiguousarray(np.stack([motion(t, order) for order in range(4)], axis=1))
+    found = []
+    for held in robot.loads:
+        out = np.empty((t.size, 2, robot.n))
+        torques_batch(robot.chain, held.bodies, held.viscous, states, out)
+        out[:, 0] += held.coulomb * np.sign(states[:, 1])
+        found.append(out)
+    stacked = np.stack(found)
+    return stacked[:, :, 0], stacked[:, :, 1]
+
+
+# ---------------- entries and problem sets of a block as a suite's file has them
+
 
 LABEL_MEANING = "Name in reports; by default its own."
 """Meaning of the key `label`."""
@@ -199,3 +281,91 @@ def need_problems(rows: pl.DataFrame, block: Block) -> pl.DataFrame:
         words = f"no problems of the block {block.id!r}"
         raise InvalidInput("run", words, "a complete run; delete the rows of the block and repeat the run")
     return rows
+
+
+# ---------------- judgement of answers by our own forward kinematics and limits
+
+
+JUDGED_AT = (1e-3, 1e-6, 1e-9)
+"""Tolerances [m and rad] for judging answers: coarse, that of a solved problem, and near the precision of a double.
+
+The forward kinematics agrees with extended precision to 1e-15 m and rad on all arms of optik, six orders of magnitude below the
+finest tolerance.
+"""
+
+
+def level_name(tolerance: float) -> str:
+    """Return a tolerance as keys and names of measures have it: 1e-6."""
+    return f"{tolerance:.0e}".replace("e-0", "e-")
+
+
+def level_words(tolerance: float) -> str:
+    """Return a tolerance as reports write it: 1e−6."""
+    return level_name(tolerance).replace("-", "−")
+
+
+def solved_at(tolerance: float) -> pl.Expr:
+    """Say whether the answer of a row meets its target within a tolerance, with every joint inside its limits."""
+    return pl.col("inside") & within(tolerance)
+
+
+def within(tolerance: float) -> pl.Expr:
+    """Say whether BOTH errors of a row are within a tolerance."""
+    return (pl.col("position_error") <= tolerance) & (pl.col("rotation_error") <= tolerance)
+
+
+def rate(rows: pl.DataFrame, condition: pl.Expr) -> tuple[float, float, float]:
+    """Return the percentage of the rows that meet a condition, with its Wilson 95 % interval."""
+    return percentage(int(rows.select(condition.sum()).item()) if len(rows) else 0, len(rows))
+
+
+def shared(rows: pl.DataFrame, labels: tuple[str, ...] | None = None) -> pl.DataFrame:
+    """Return the rows of some methods, or of all, on the problems given to all of them."""
+    chosen = rows if labels is None else rows.filter(pl.col("method").is_in(labels))
+    return chosen.filter(pl.col("method").n_unique().over("problem") == chosen["method"].n_unique())
+
+
+def judge_configurations(robot: Robot, targets: Array, q: Array) -> tuple[Flags, Array, Array]:
+    """Return which configurations are inside the limits, and their position and rotation errors [m, rad]."""
+    e = robot.pose_errors(q, targets) if len(q) else np.empty((0, 6))
+    return robot.limits.contains(q), np.linalg.norm(e[:, :3], axis=1), np.linalg.norm(e[:, 3:], axis=1)
+
+
+def judged(robot: Robot, targets: Array, answers: list[Array], *, wraps: bool) -> pl.DataFrame:
+    """Judge the answers of calls: one row per target, of its best answer.
+
+    A target is solved if any answer meets it within `Tolerance()` inside the limits. Of several answers, one inside the
+    limits counts before one outside, then the smaller error.
+    """
+    owner = np.repeat(np.arange(len(answers)), [len(a) for a in answers])
+    q = np.concatenate([np.empty((0, robot.n)), *answers])
+    keep = np.isfinite(q).all(axis=1)
+    q, owner = q[keep], owner[keep]
+    if wraps:
+        q = wrapped(robot, q)
+    inside, position, rotation = judge_configurations(robot, targets[owner], q)
+    tolerance = Tolerance()
+    size = np.maximum(position / tolerance.position, rotation / tolerance.rotation)
+    order = np.lexsort((size, ~inside, owner))
+    first = order[np.unique(owner[order], return_index=True)[1]]  # the best answer of each target that has one
+    k = len(answers)
+    rows: dict[str, NDArray[Any]] = {
+        "solved": np.zeros(k, dtype=bool),
+        "inside": np.zeros(k, dtype=bool),
+        "position_error": np.full(k, np.nan),
+        "rotation_error": np.full(k, np.nan),
+    }
+    at = owner[first]
+    rows["solved"][at] = inside[first] & (size[first] <= 1.0)
+    rows["inside"][at] = inside[first]
+    rows["position_error"][at], rows["rotation_error"][at] = position[first], rotation[first]
+    return pl.DataFrame(rows)
+
+
+def wrapped(robot: Robot, q: Array) -> Array:
+    """Add full turns to revolute joints outside their limits, to bring them inside if possible."""
+    lower, upper = robot.limits.lower, robot.limits.upper
+    turn = 2.0 * np.pi
+    up = q + turn * np.ceil(np.maximum(lower - 1e-9 - q, 0.0) / turn)
+    moved = up - turn * np.ceil(np.maximum(up - upper - 1e-9, 0.0) / turn)
+    return np.where(robot.prismatic, q, moved)

@@ -13,10 +13,9 @@ import numpy as np
 import polars as pl
 from pydantic import AfterValidator, model_validator
 
-from benchmarks.blocks.arms import Payload, arm_label
 from benchmarks.blocks.base import NUMBER, TEXT, WHOLE, Field, Kind, Session, Trials, fields_of
-from benchmarks.blocks.block import Block, Entry, Target
-from benchmarks.blocks.columns import Column, Of, largest, quantile, share
+from benchmarks.blocks.block import Block, Column, Entry, Of, Target, largest, quantile, share
+from benchmarks.blocks.entries import Payload, arm_label
 from benchmarks.blocks.timing.motions import draw_motion_of
 from benchmarks.blocks.timing.rows import in_group
 from benchmarks.blocks.timing.settings import LimitSet
@@ -46,7 +45,7 @@ from planners.certificate.certification import certify
 from planners.freedom import freedom_of, freedoms
 from planners.limits import MotionLimits
 from planners.motion import PlanStatus
-from planners.motion.fit import fit_to_limits
+from planners.motion.motion import stretch_to_limits
 from planners.paths.base import Path
 from planners.paths.free_path import FreePath, free
 from planners.paths.joint_line import JointLine
@@ -254,7 +253,7 @@ def solve_by_peer(
     enforced = tuple(each for each in limits.names if limits.value(each) is not None)
     try:
         about, chosen, raw = _PEERS[name](arm, path, q, limits)
-        motion = fit_to_limits(arm, raw, limits, enforced, chosen)
+        motion = stretch_to_limits(arm, raw, limits, enforced, chosen)
     except (NoSolution, Absent) as error:
         return row | {"status": str(PlanStatus.TIMING_INFEASIBLE), "outcome": str(error)}
     proof = certify(arm, chosen, motion, limits, law=name, enforced=enforced)
@@ -268,13 +267,13 @@ def solve_by_peer(
 def _by_casadi(
     arm: Robot, path: Path, q: Array, limits: MotionLimits
 ) -> tuple[dict[str, Any], Path | None, Trajectory]:
-    from benchmarks.peers.casadi_simultaneous import motion_of, solve_as_peer  # CasADi is imported only here
+    from benchmarks.peers.casadi_simultaneous import solution_motion, solve_as_peer  # CasADi is imported only here
 
     assert isinstance(path, FreePath | PointToPoint)
     begin = time.perf_counter()
     choice, found = solve_as_peer(arm, path, q, limits)
     ms = 1e3 * (time.perf_counter() - begin)
-    return {"ms": ms, "starts": 1, "steps": found.iterations}, *motion_of(choice, found, limits)
+    return {"ms": ms, "starts": 1, "steps": found.iterations}, *solution_motion(choice, found, limits)
 
 
 def _by_drake(

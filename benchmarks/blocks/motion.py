@@ -14,8 +14,7 @@ import polars as pl
 from pydantic import AfterValidator
 
 from benchmarks.blocks.base import NUMBER, TEXT, TRUTH, WHOLE, Field, Kind, Session, Trials, fields_of
-from benchmarks.blocks.block import Block, Entry, Target
-from benchmarks.blocks.columns import Column, count, mean, median, quantile, share
+from benchmarks.blocks.block import Block, Column, Entry, Target, count, mean, median, quantile, share
 from benchmarks.blocks.timing.settings import LimitSet
 from benchmarks.peers.base import Absent
 from benchmarks.peers.pyroboplan_motions import move_by_pyroboplan
@@ -28,20 +27,20 @@ from optik.arm.robot import Robot
 from optik.errors import InvalidInput, MissingDependency, NoSolution
 from optik.ik import get_solver
 from optik.ik.base import Tolerance
-from optik.plugins.usage import resolve_data_file
+from optik.plugins.files import resolve_data_file
 from optik.scene import Scene
 from optik.scene.contact import find_contact
 from optik.types import Array
 from planners.certificate.certificate import Certificate
 from planners.certificate.certification import certify
-from planners.choice.first_paths import round_corners
+from planners.choice.first_paths import round_legs
 from planners.following.follow import DEFAULT_TOLERANCE, follow
 from planners.limits import MotionLimits
-from planners.motion.fit import fit
+from planners.motion.motion import stretch_analysed
 from planners.paths.joint_line import JointLine
 from planners.paths.point_to_point import PointToPoint
 from planners.plan import Plan, plan
-from planners.planning.request import PlanRequest, judge_certificate
+from planners.planning.planner import PlanRequest, judge_certificate
 from planners.search.base import SearchResult, SearchStatus, measure_length
 from planners.search.find import find_path
 from planners.timing import make_law
@@ -155,12 +154,12 @@ def time_rounded(
     """Return the certified motion of a law along the polyline of a search with rounded corners; None if the law finds none."""
     if law == "toppra":
         limits = MotionLimits(limits.velocity, limits.acceleration)
-    path, made = round_corners(PointToPoint(robot, *ends), [found.vertices], scene), make_law(law)
+    path, made = round_legs(PointToPoint(robot, *ends), [found.vertices], scene), make_law(law)
     joints = follow(get_solver(robot, "lm"), path).joint_path
     if joints is None:
         return None
     try:
-        motion = fit(made.run_with_analysis(joints, limits), limits, made.list_enforced(limits))
+        motion = stretch_analysed(made.run_with_analysis(joints, limits), limits, made.list_enforced(limits))
     except NoSolution:
         return None
     request = PlanRequest(robot, path, limits, "lm", made, Tolerance.of(DEFAULT_TOLERANCE), 1000.0, scene=scene)

@@ -15,8 +15,7 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from benchmarks.blocks.base import NUMBER, TEXT, WHOLE, Field, Kind, Session, Trials, fields_of
-from benchmarks.blocks.block import Block, Entry
-from benchmarks.blocks.columns import Column, count, mean, median, quantile, share
+from benchmarks.blocks.block import Block, Column, Entry, count, mean, median, quantile, share
 from benchmarks.blocks.timing.settings import LimitSet
 from benchmarks.problems.seam_files import EXPECTED, PublishedSeam, find_seam_files, read_seams
 from benchmarks.settings import Count, Flag, MaybeCount, RobotName, counted, key, naming, numbered
@@ -24,7 +23,7 @@ from optik.arm.library import load
 from optik.arm.robot import Robot
 from optik.check import format_value
 from optik.errors import InvalidInput
-from optik.plugins.usage import resolve_data_files
+from optik.plugins.files import resolve_data_files
 from optik.registry import short_name
 from optik.scene import Scene
 from optik.scene.contact import find_nearest_pairs

@@ -16,24 +16,22 @@ import optik
 from benchmarks.cli.bench import CheckCommand, ListCommand, NewCommand
 from benchmarks.cli.cell import CellCommand
 from benchmarks.cli.certify import CertifyCommand
-from benchmarks.cli.command import add_command, err_console
+from benchmarks.cli.command import UsageError, add_command, err_console, name_robot_options, translate
 from benchmarks.cli.installation import DoctorCommand, KernelsCommand, PeerCommand
-from benchmarks.cli.misuse import UsageError
-from benchmarks.cli.motion import DriveCommand, ViewCommand
+from benchmarks.cli.motion import DriveCommand, StreamCommand, ViewCommand
 from benchmarks.cli.paths import (
     ArcCommand,
+    CheckProgramCommand,
     JointsCommand,
     LineCommand,
     PathCommand,
     PointToPointCommand,
     PolylineCommand,
+    ProgramCommand,
     SplineCommand,
 )
-from benchmarks.cli.program import CheckProgramCommand, ProgramCommand
 from benchmarks.cli.robot import FkCommand, IkCommand, RobotsCommand
 from benchmarks.cli.runs import CompareCommand, DemoCommand, ReportCommand, RunCommand
-from benchmarks.cli.stream import StreamCommand
-from benchmarks.cli.words import name_robot_options, translate
 from optik.errors import InvalidMotion, NoSolution, OptikError, OutputError
 from optik.plugins import files
 

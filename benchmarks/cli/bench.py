@@ -14,11 +14,10 @@ from rich.padding import Padding
 from rich.table import Column, Table
 
 from benchmarks.cli.command import JsonCommand, RobotCommand, argument, option, out_console, print_json
-from benchmarks.cli.readers import load_or_error
+from benchmarks.cli.readers import load_or_error, read_held
 from optik.errors import InvalidInput, OutputError
 from optik.file_io import check_suffix
-from optik.plugins.files import CODE, is_path, split_links
-from optik.plugins.usage import record_plugins
+from optik.plugins.files import CODE, is_path, record_plugins, split_links
 
 if TYPE_CHECKING:
     from benchmarks.cli.explain import Explained
@@ -136,6 +135,7 @@ class NewCommand(RobotCommand):
             "tip": self.tip,
             "base": self.base,
             "gravity": gravity,
+            "hold": ",".join(f"{joint}:{value!r}" for joint, value in (read_held(self.values) or {}).items()),
             "without_shape": ",".join(self.without_shape or ()),
             "packages": self.package_dir and str(Path(self.package_dir).resolve()),
             "srdf": self.srdf and str(Path(self.srdf).resolve()),

@@ -14,10 +14,9 @@ from rich.table import Table
 from rich.text import Text
 
 import optik
-from benchmarks.cli.command import MotionCommand, err_console, numbers, option, out_console, print_json
+from benchmarks.cli.command import MotionCommand, err_console, numbers, option, out_console, print_json, translate
 from benchmarks.cli.motion import DRIVE_HELP, check_simulated
-from benchmarks.cli.readers import read_numbers
-from benchmarks.cli.words import translate
+from benchmarks.cli.readers import read_number_list
 from optik.check import check_count
 from optik.errors import InvalidInput, NoSolution
 from optik.file_io import check_suffix, write_atomically
@@ -71,7 +70,7 @@ class CellCommand(MotionCommand):
         check_suffix(self.out, (".html",), "--out")
         law, start, (drive, why) = make_law(self.timing), self.load_start(), choose_drive(self.drive)
         arm = start.arm
-        point = np.array(read_numbers(self.spot, "--spot", 3)) if self.spot else arm.fk(start.q)[:3, 3] + WAY
+        point = np.array(read_number_list(self.spot, "--spot", 3)) if self.spot else arm.fk(start.q)[:3, 3] + WAY
         if not np.isfinite(point).all():
             raise InvalidInput("--spot", self.spot, "three finite numbers [m]")
         away = _read_least_zero(self.miscalibration, "--miscalibration", "distance [mm], angle [mrad]")
@@ -125,7 +124,7 @@ def make_laser(arm: optik.Robot, point: Any, noise: str) -> PanTiltLaser:
 
 def _read_least_zero(text: str, name: str, what: str) -> list[float]:
     """Read two numbers of 0 or more."""
-    values = read_numbers(text, name, 2)
+    values = read_number_list(text, name, 2)
     if not all(0.0 <= value < np.inf for value in values):
         raise InvalidInput(name, text, f"two numbers of 0 or more: {what}")
     return values

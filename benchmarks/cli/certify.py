@@ -12,13 +12,6 @@ import numpy as np
 import typer
 from rich.table import Table
 
-from benchmarks.cli.certificate import (
-    SMOOTH,
-    describe_clearance,
-    describe_effort,
-    format_excess,
-    format_ratio,
-)
 from benchmarks.cli.command import (
     LimitsCommand,
     RobotCommand,
@@ -29,11 +22,18 @@ from benchmarks.cli.command import (
     option,
     out_console,
     print_json,
+    translate,
 )
 from benchmarks.cli.motion import read_motion
-from benchmarks.cli.plan import SceneCommand
-from benchmarks.cli.readers import read_configuration, read_numbers
-from benchmarks.cli.words import translate
+from benchmarks.cli.plan import (
+    SMOOTH,
+    SceneCommand,
+    describe_clearance,
+    describe_effort,
+    format_excess,
+    format_ratio,
+)
+from benchmarks.cli.readers import read_configuration, read_number_list
 from benchmarks.provenance import version_here
 from optik.arm.model import unit_factors, unit_names
 from optik.arm.motors import have_same_matrix
@@ -55,7 +55,7 @@ VERSIONS = ("optik-toolkit", "numpy", "scipy", "numba")
 """Packages that compute a certificate."""
 
 
-class Reference(NamedTuple):
+class GivenPath(NamedTuple):
     """The path that the tool must follow, or the waypoints of a polyline, and the tolerance; an angle of π is not judged."""
 
     path: ToolPath | Array
@@ -159,26 +159,26 @@ class CertifyCommand(LimitsCommand, SceneCommand, TableCommand):
             unit=self.unit,
         )  # fmt: skip
 
-    def _read_path(self, arm: optik.Robot, trajectory: Trajectory) -> Reference | None:
+    def _read_path(self, arm: optik.Robot, trajectory: Trajectory) -> GivenPath | None:
         """Return the path of ``--path`` with its tolerance; without orientations in the file, only positions are judged."""
         from planners.paths.waypoints import read_waypoints
 
-        position, rotation = np.multiply(read_numbers(self.tolerance, "--tolerance", 2), (1e-3, np.pi / 180.0))
+        position, rotation = np.multiply(read_number_list(self.tolerance, "--tolerance", 2), (1e-3, np.pi / 180.0))
         if not (position > 0.0 and 0.0 < rotation <= np.pi):
             expected = "a distance above 0 [mm], and an angle above 0 and up to 180 [degrees]"
             raise InvalidInput("--tolerance", self.tolerance, expected)
         if self.path is None:
             return None
         if self.path.suffix.lower() != ".csv" or read_bytes(self.path).startswith(b"# format"):
-            return Reference(read_motion(self.path, "--path").path, Tolerance(position, rotation))
+            return GivenPath(read_motion(self.path, "--path").path, Tolerance(position, rotation))
         table = read_table(self.path)
         try:
-            return Reference(read_waypoints(table, None, arm, None), Tolerance(position, rotation))
+            return GivenPath(read_waypoints(table, None, arm, None), Tolerance(position, rotation))
         except InvalidInput as error:
             if error.argument != "orientation":
                 raise
         turned = arm.fk(trajectory(0.0))[:3, :3]
-        return Reference(read_waypoints(table, turned, arm, None), Tolerance(position, np.pi))
+        return GivenPath(read_waypoints(table, turned, arm, None), Tolerance(position, np.pi))
 
     def _write_page(
         self, arm: optik.Robot, trajectory: Trajectory, proof: Certificate, limits: Any, scene: Any
@@ -223,7 +223,7 @@ def _is_same(one: optik.Robot, other: optik.Robot) -> bool:
     return same and masses[0] == masses[1]
 
 
-def _print(arm: optik.Robot, proof: Certificate, reference: Reference | None, title: str, path: Any = None) -> None:
+def _print(arm: optik.Robot, proof: Certificate, reference: GivenPath | None, title: str, path: Any = None) -> None:
     """Print what was judged, and the verdict."""
     table = Table("", "peak / limit", "joint", "time, s", "", title=f"{title}: {proof.duration:.4f} s")
     for row in (_position_row(arm, proof), *_limit_rows(proof), *_path_rows(proof, reference)):
@@ -274,7 +274,7 @@ def _limit_rows(proof: Certificate) -> list[tuple[str, ...]]:
     return rows
 
 
-def _path_rows(proof: Certificate, reference: Reference | None) -> list[tuple[str, ...]]:
+def _path_rows(proof: Certificate, reference: GivenPath | None) -> list[tuple[str, ...]]:
     """Return the rows of the path error, with the proved bounds over the tolerance."""
     if reference is None:
         return [("path", "", "", "", NOT_JUDGED)]

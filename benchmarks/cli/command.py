@@ -1,4 +1,4 @@
-"""Commands as dataclasses of their options, the options that they share, and readers of vectors and configurations."""
+"""Commands as dataclasses of their options, and errors of the parser and of the library as one line for who types."""
 
 from __future__ import annotations
 
@@ -8,31 +8,139 @@ from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import MISSING, dataclass, field, fields
+from difflib import get_close_matches
+from enum import Enum
 from inspect import Parameter, Signature, get_annotations
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, get_type_hints
+from typing import Annotated, Any, NamedTuple, get_args, get_type_hints
 
+import numpy as np
 import typer
 from rich.console import Console
 from typer.core import TyperCommand
 
 import optik
-from benchmarks.cli.misuse import UsageError, describe_usage
 from benchmarks.cli.readers import (
     LIMIT_HELP,
     format_numbers,
     read_configuration,
     read_held,
     read_limit,
-    read_numbers,
+    read_number_list,
 )
-from benchmarks.cli.words import name_robot_options, translate
 from optik.arm.model import unit_factors
 from optik.arm.motors import from_maker, maker_joints
-from optik.arm.tips import TIP_ADVICE
-from optik.errors import InvalidInput, RobotModelError, UnknownName
+from optik.arm.urdf import TIP_ADVICE
+from optik.errors import InvalidInput, OptikError, RobotModelError, UnknownName
 from optik.plugins.files import is_path
 from optik.registry import names, short_name
+
+# ---------------- errors of the parser as one line
+
+
+UsageError: Any = typer.BadParameter.__base__
+"""Base class of the parser's errors: of the package click, or of the copy of it in newer versions of Typer."""
+
+VALUES = {float: "a number", int: "a whole number"}
+"""Values of options by their type, for messages."""
+
+
+def describe_usage(error: Any, context: Any, words: Sequence[str], kind: type) -> OptikError:
+    """Return the parser's error about the words of a command as one of ours; `kind` is the class of the command."""
+    name, param = str(getattr(error, "option_name", "") or ""), getattr(error, "param", None)
+    example = f"; for example: {(context.command.epilog or '').removeprefix('Example: ').strip('`')}"
+    options = {typed: p for p in context.command.params for typed in (*p.opts, *p.secondary_opts)}
+    if name and name not in options:
+        near = get_close_matches(name, [each for each in options if each.startswith("--")], n=2)
+        meant = f"did you mean {' or '.join(near)}? " if near else ""
+        return OptikError(f"unknown option {name}; {meant}{context.command_path} --help lists the options")
+    if name:
+        return OptikError(f"{name} takes no value" if options[name].is_flag else f"{name} needs a value{example}")
+    if param is None:
+        return OptikError(f"unexpected argument {error.format_message().rpartition('(')[2].rstrip(')')}{example}")
+    named = max(param.opts, key=len) if param.param_type_name == "option" else str(param.metavar).strip("[]")
+    typed = _find_value(param.opts, words)
+    if typed is None:
+        extra = context.command.make_parser(context).parse_args(list(words))[1]
+        beside = f", and unexpected argument {extra[0]}" if extra else ""
+        return OptikError(f"{named} is missing{beside}{example}")
+    return InvalidInput(named, repr(typed), _describe_values(kind, param.name))
+
+
+def _find_value(names: Sequence[str], words: Sequence[str]) -> str | None:
+    """Return the last value of an option among the words of a command, or None."""
+    found = None
+    for i, word in enumerate(words):
+        name, equals, value = word.partition("=")
+        if name in names:
+            found = value if equals else next(iter(words[i + 1 :]), None)
+    return found
+
+
+def _describe_values(kind: Any, name: str) -> str:
+    """Describe the values of an option: a number with its least value, or one of several words."""
+    hint: Any = get_type_hints(kind)[name]
+    parts = [part for each in (get_args(hint) or (hint,)) for part in (get_args(each) or (each,))]
+    for part in parts:
+        if isinstance(part, type) and issubclass(part, Enum):
+            return f"one of: {', '.join(str(member.value) for member in part)}"
+    (info,) = (each.metadata["typer"] for each in fields(kind) if each.name == name)
+    least = "" if info.min is None else f" of at least {info.min:g}"
+    return next((words for part, words in VALUES.items() if part in parts), "another value") + least
+
+
+# ---------------- messages of the library in the words of the command line
+
+
+TRANSLATED = "allow|branch|columns|gravity|ignore|joint_names|rotation_speed|start|timing|tool_speed|unit|unwrap"
+"""Arguments of the library, in messages, that are options of the same name."""
+NUMBER = r"-?\d[\d.]*(?:e[-+]?\d+)?"
+"""Regular expression of a number in a message."""
+
+
+def translate(words: str) -> str:
+    """Return a message of the library with degrees, millimetres and options in place of radians and Python arguments."""
+
+    def scale(match: re.Match[str]) -> str:
+        factor, unit = (180.0 / np.pi, "°") if match["unit"] == "rad" else (1e3, " mm")
+        values = re.sub(NUMBER, lambda number: f"{float(number[0]) * factor:.4g}", match["values"])
+        return values + unit
+
+    words = re.sub(rf"(?P<values>\[{NUMBER}(?:, {NUMBER})+\]) (?P<unit>rad|m)\b", scale, words)
+    words = re.sub(rf"(?P<values>{NUMBER}) (?P<unit>rad)\b(?!/)", scale, words)
+    words = name_robot_options(name_options(words, TRANSLATED))
+    for python, typed in (("q_start", "--start-deg"), ("optik.solve_ik with closest=True", "optik ik --closest"),
+                          ("free(path, turn=True, tilt=True)", "--free turn,tilt"), ("time_limit", "--time-limit"),
+                          ("with_limits sets them", "only <limit> is read"),
+                          ("with_limits(torque=None)", "--torque none"), ("with_limits(velocity=)", "--velocity")):  # fmt: skip
+        words = words.replace(python, typed)
+    return words.replace(" (max_restarts)", "")  # no option of `optik plan`
+
+
+def name_options(words: str, names: str) -> str:
+    """Return a message with options in place of Python arguments, such as --tip tool0 for tip='tool0'."""
+
+    def join(match: re.Match[str]) -> str:
+        values = [quoted or plain for quoted, plain in re.findall(r"'([^']+)'|([-+.\w]+)", match[2])]
+        value = "none" if match[2] == "()" else ",".join(values)
+        return f"--{match[1].replace('_', '-')}{'-deg' * (match[1] == 'start')} {value}".rstrip()
+
+    return re.sub(rf"(?<![\w#&])({names})=(?!LINK|X,Y,Z)(\([^)]*\)|'[^']*'|[^ ,;)]*)", join, words)
+
+
+def name_robot_options(words: str) -> str:
+    """Return a message about the file of a robot with options in place of Python arguments."""
+    held = re.compile(r"values=\{([^}]*)\}")
+    words = held.sub(lambda match: re.sub(r"'([^']+)': ", r"--hold \1=", match[1]).replace(", --", " --"), words)
+    for python, typed in (("package_dirs=, on the command line --package-dir", "--package-dir"),
+                          ("srdf=, or shapes.with_apart", "--srdf FILE"),
+                          ("a file, or shapes.with_part", "files in STL or OBJ")):  # fmt: skip
+        words = words.replace(python, typed)
+    return name_options(words, "tip|base|gravity|without_shape")
+
+
+# ---------------- commands as dataclasses of their options
+
 
 out_console, err_console = (Console(stderr=error, markup=False, highlight=False) for error in (False, True))
 
@@ -238,7 +346,7 @@ class FileCommand(JsonCommand):
 
     def load_file(self, name: str) -> optik.Robot:
         """Load a robot, and print the tip that a rule chose."""
-        gravity = None if self.gravity is None else read_numbers(self.gravity, "--gravity", 3)
+        gravity = None if self.gravity is None else read_number_list(self.gravity, "--gravity", 3)
         if gravity is not None and not any(gravity):
             raise InvalidInput("--gravity", self.gravity, "a direction, such as 0,0,-1")
         links = [link.strip() for text in self.without_shape or () for link in text.split(",")] or None

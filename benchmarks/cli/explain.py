@@ -16,9 +16,16 @@ from benchmarks.blocks.timing.settings import LawBlock
 from benchmarks.settings import NAMED_KEYS, Entries, Settings, naming
 from benchmarks.suite import OWN_KEYS, Suite
 from optik.errors import InvalidInput, OptikError
-from optik.plugins.files import CODE, is_path
-from optik.plugins.options import NO_DEFAULT, ParameterDoc, defaults, find_nearest_name, read_parameter_docs
-from optik.plugins.usage import collect_plugins
+from optik.plugins.files import (
+    CODE,
+    NO_DEFAULT,
+    ParameterDoc,
+    collect_plugins,
+    defaults,
+    find_nearest_name,
+    is_path,
+    read_parameter_docs,
+)
 from optik.registry import load_method
 from planners.limits import kind_of
 

@@ -28,8 +28,7 @@ from benchmarks.peers.ik import PEERS
 from benchmarks.peers.laws import TIMING_PEERS
 from benchmarks.provenance import provenance, version_here
 from optik.compiled import archive
-from optik.compiled.cache import KernelCache, read_code
-from optik.compiled.fingerprint import VERSIONS
+from optik.compiled.cache import VERSIONS, KernelCache, read_code
 from optik.compiled.kernel import Kernel
 from optik.errors import InvalidInput, NoSolution, OutputError
 from optik.kinematics import forward

@@ -38,11 +38,11 @@ def read_configuration(arm: optik.Robot, text: str, name: str = "--start-deg") -
 
 def read_joint_values(arm: optik.Robot, text: str, name: str) -> Any:
     """Read one finite number per joint."""
-    values = read_numbers(text, name, arm.n, what=f"joint values of {arm.name} [degrees, prismatic mm]")
+    values = read_number_list(text, name, arm.n, what=f"joint values of {arm.name} [degrees, prismatic mm]")
     return arm.configuration(values, name)
 
 
-def read_numbers(text: str, name: str, *counts: int, what: str = "numbers", infinite: bool = False) -> list[float]:
+def read_number_list(text: str, name: str, *counts: int, what: str = "numbers", infinite: bool = False) -> list[float]:
     """Read numbers separated by commas or spaces; `counts` are the permitted numbers of them."""
     such = ",".join(islice(cycle(("1", "-2.5", "3")), counts[0] if counts else 3))
     expected = f"{' or '.join(map(str, counts)) or 'one or more'} {what}, such as {such}"
@@ -59,7 +59,7 @@ def read_numbers(text: str, name: str, *counts: int, what: str = "numbers", infi
 
 def read_bound(text: str, name: str) -> Any:
     """Read the bound of a limit: one number, or several as a list."""
-    values = read_numbers(text, name, infinite=True)
+    values = read_number_list(text, name, infinite=True)
     return values if len(values) > 1 else values[0]
 
 
@@ -92,7 +92,7 @@ def read_limit(name: str, text: str) -> Any:
             found[key] = value
         else:
             numbers = [
-                read_numbers(_in_units(word, units[key], where), where, 1, what="number", infinite=True)[0]
+                read_number_list(_in_units(word, units[key], where), where, 1, what="number", infinite=True)[0]
                 for word in words
             ]
             found[key] = numbers if len(numbers) > 1 else numbers[0]
@@ -105,7 +105,7 @@ def _in_units(text: str, unit: str, where: str) -> str:
         if text.endswith(suffix):
             if unit.split("/")[0] != of:
                 raise InvalidInput(where, repr(text), f"a number in {unit}, without {suffix}")
-            return repr(float(read_numbers(text.removesuffix(suffix), where, 1, what="number")[0] * factor))
+            return repr(float(read_number_list(text.removesuffix(suffix), where, 1, what="number")[0] * factor))
     return text
 
 
@@ -116,7 +116,7 @@ def read_held(texts: list[str] | None) -> dict[str, float] | None:
         name, equals, value = (word.strip() for word in text.rpartition("="))
         if not equals or not name or name in found:
             raise InvalidInput("--hold", repr(text), "JOINT=VALUE, each joint once, such as gripper=0.3")
-        found[name] = read_numbers(value, "--hold", 1)[0]
+        found[name] = read_number_list(value, "--hold", 1)[0]
     return found or None
 
 

@@ -23,7 +23,7 @@ from benchmarks.cli.command import (
     out_console,
     print_json,
 )
-from benchmarks.cli.readers import format_numbers, load_or_error, read_joint_values, read_numbers
+from benchmarks.cli.readers import format_numbers, load_or_error, read_joint_values, read_number_list
 from optik.arm.limits import LIMIT_TOLERANCE
 from optik.arm.model import unit_factors, unit_names
 from optik.arm.robot import Robot
@@ -139,7 +139,7 @@ class IkCommand(StartCommand):
         from optik import se3
         from optik.arm.urdf_writer import roll_pitch_yaw
 
-        position, rpy_deg, quat = read_numbers(self.xyz, "--xyz", 3), self.rpy_deg.strip(), self.quat.strip()
+        position, rpy_deg, quat = read_number_list(self.xyz, "--xyz", 3), self.rpy_deg.strip(), self.quat.strip()
         if rpy_deg and quat:
             raise InvalidInput("--quat", f"{quat} together with --rpy-deg {rpy_deg}", "either --quat or --rpy-deg")
         if self.task not in (None, *TASKS):
@@ -149,9 +149,9 @@ class IkCommand(StartCommand):
         task = self.task or ("pose" if oriented else "position")
         R = start.arm.fk(start.q)[:3, :3]
         if rpy_deg:
-            R = se3.from_xyz_rpy((0, 0, 0), read_numbers(rpy_deg, "--rpy-deg", 3))[:3, :3]
+            R = se3.from_xyz_rpy((0, 0, 0), read_number_list(rpy_deg, "--rpy-deg", 3))[:3, :3]
         if quat:
-            R = se3.from_quaternion(read_numbers(quat, "--quat", 4), "--quat")
+            R = se3.from_quaternion(read_number_list(quat, "--quat", 4), "--quat")
         result = optik.solve_ik(
             start.arm, se3.pose(R, position), start.q, self.solver, max_restarts=self.max_restarts, task=task,
             closest=self.closest,

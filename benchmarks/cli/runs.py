@@ -136,13 +136,13 @@ class DemoCommand(JsonCommand):
 
     def run(self) -> None:
         """Run the suite, write its report, and print the verdicts."""
-        from benchmarks.experiments.claims import judge
+        from benchmarks.experiments.claims import judge_claims
         from benchmarks.report import write_report
 
         folder = RunCommand(suite="paper", out=self.out, workers=self.workers).run_with_progress()
         with err_console.status("writing the report"):
             page = write_report(folder)
-        findings = judge(folder)
+        findings = judge_claims(folder)
         if self.as_json:
             print_json({"report": str(page), "claims": [{"claim": f.claim, "verdict": f.verdict} for f in findings]})
             return
@@ -155,7 +155,7 @@ class DemoCommand(JsonCommand):
 
 def warn_of_cluster(address: str) -> None:
     """Warn if the connection to a scheduler is not encrypted; an address without a port is refused later."""
-    from benchmarks.run.cluster import warn_of_plain_text
+    from benchmarks.run.pool import warn_of_plain_text
 
     try:
         port = urlsplit(address if "://" in address else f"tcp://{address}").port
@@ -349,7 +349,7 @@ class CompareCommand(JsonCommand):
 
     def _print(self, found: Comparison) -> None:
         """Print the different settings, the differences, and the parts that were not compared."""
-        from benchmarks.report.numbers import number
+        from benchmarks.report.tables import number
 
         table = Table("block", "method", "measure", "A", "B", "change", "")
         looks = {"better": "green", "worse": "red", "the machine": "yellow"}

@@ -234,10 +234,10 @@ def _fits(rows: pl.DataFrame) -> Iterator[tuple[int, dict[str, Fit]]]:
     for (budget,), part in rows.group_by("budget", maintain_order=True):
         if (part["position_error"] > STOP_TOLERANCE).mean() < 0.5:  # type: ignore[operator]
             return
-        yield int(budget), {c: fit(part["distance"].to_numpy(), np.abs(part[c].to_numpy())) for c in JUDGED_ERRORS}
+        yield int(budget), {c: fit_line(part["distance"].to_numpy(), np.abs(part[c].to_numpy())) for c in JUDGED_ERRORS}
 
 
-def fit(distance: Array, error: Array, bins: int = 12) -> Fit:
+def fit_line(distance: Array, error: Array, bins: int = 12) -> Fit:
     """Fit the medians of the error over the distance in bins of equal count, which is robust against diverging targets."""
     parts = np.array_split(np.argsort(distance, kind="stable"), bins)
     d = np.array([np.median(distance[p]) for p in parts])

@@ -15,8 +15,7 @@ from numba.core.registry import cpu_target
 from benchmarks.kernels.parts import SHIPPED, Progress, run_parts
 from benchmarks.provenance import ROOT
 from optik.compiled import archive
-from optik.compiled.cache import read_code
-from optik.compiled.fingerprint import VERSIONS
+from optik.compiled.cache import VERSIONS, read_code
 
 BASELINE = {"x86_64": "x86-64-v3", "amd64": "x86-64-v3", "arm64": "apple-m1"}
 """Processors to compile for, by machine and with LLVM's names; otherwise the baseline of the architecture."""
@@ -37,7 +36,7 @@ def main() -> None:
         kernels = dict(_kernels(Path(cache)))
     triple, _, _ = cpu_target.target_context.codegen().magic_tuple()
     file = archive.ARCHIVES / archive.file_name()
-    archive.pack(file, VERSIONS, archive.CompileTarget(triple, cpu, ""), kernels)
+    archive.pack_archive(file, VERSIONS, archive.CompileTarget(triple, cpu, ""), kernels)
     print(f"{len(kernels)} kernels in {file}, {file.stat().st_size / 1e6:.2f} MB")
 
 

@@ -85,14 +85,14 @@ def cell() -> None:
 
 def demo() -> None:
     """Run the demo in this process."""
-    from benchmarks.experiments.claims import judge
+    from benchmarks.experiments.claims import judge_claims
     from benchmarks.report import write_report
     from benchmarks.run import run_suite
     from benchmarks.suite import load_suite
 
     with tempfile.TemporaryDirectory() as folder:
         run = run_suite(load_suite("paper"), Path(folder) / "run")
-        write_report(run), judge(run)
+        write_report(run), judge_claims(run)
 
 
 def chains() -> None:

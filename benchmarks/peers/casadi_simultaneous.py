@@ -16,7 +16,7 @@ from optik.arm.robot import Robot
 from optik.errors import NoSolution
 from optik.ik import make_solver
 from optik.types import Array
-from planners.choice.choose import Choice, choice_for
+from planners.choice.choose import Choice, make_choice
 from planners.following.follow import follow
 from planners.limits import DERIVATIVES, MotionLimits
 from planners.paths.control_curve import DEGREE
@@ -72,7 +72,7 @@ def exponential(screw: Array, f: Any) -> Any:
     return ca.vertcat(ca.horzcat(R, t), np.array([[0.0, 0.0, 0.0, 1.0]]))
 
 
-def forward(robot: Robot, q: Any) -> Any:
+def symbolic_pose(robot: Robot, q: Any) -> Any:
     """T_base_tool of symbolic joints."""
     T: Any = np.eye(4)
     for i in range(robot.n):
@@ -97,7 +97,7 @@ def ties(choice: Choice) -> Any:
     T = ca.vertcat(ca.reshape(given, 3, 4), np.array([[0.0, 0.0, 0.0, 1.0]]))
     for d, screw in enumerate(tool.screws):
         T = T @ exponential(screw, coordinates[d])
-    at = forward(robot, moved)
+    at = symbolic_pose(robot, moved)
     M = T[:3, :3].T @ at[:3, :3]
     off = [at[:3, 3] - T[:3, 3], ca.vertcat(M[2, 1] - M[1, 2], M[0, 2] - M[2, 0], M[1, 0] - M[0, 1]) / 2.0]
     if len(tool.rows):
@@ -129,7 +129,7 @@ def given_poses(choice: Choice, s: Array) -> Array:
     return np.stack([x.transpose(0, 2, 1).reshape(len(s), 12) for x in both], axis=1)
 
 
-def path_error(choice: Choice, p: Any, q: Any) -> Any:
+def symbolic_path_error(choice: Choice, p: Any, q: Any) -> Any:
     """The ties of the joints and derivatives of all grid points."""
     s, n, D, basis = choice.optimum.programme.s, choice.robot.n, choice.p.shape[1], choice.parts[0]
     tie, count = ties(choice), s.size
@@ -196,7 +196,7 @@ def solve_jointly(
     z0[K, 2:] = 0.0
     z, p, q = ca.MX.sym("z", 4, K + 1), ca.MX.sym("p", D, C), ca.MX.sym("q", n * ORDERS, K + 1)
     found = Constraints()
-    found.add(path_error(choice, p, q), 0.0, 0.0)
+    found.add(symbolic_path_error(choice, p, q), 0.0, 0.0)
     add_timing(choice, found, z, q)
     for column, radius in choice.bounds.discs:
         found.add((p[column, :] ** 2 + p[column + 1, :] ** 2) / radius**2, -1.0, 1.0)
@@ -236,14 +236,14 @@ def solve_as_peer(
     if followed.failure is not None or followed.joint_path is None:
         raise NoSolution(f"the initial path cannot be followed: {followed.failure}")
     optimum = Optimal(intervals=SIMULTANEOUS_INTERVALS).run_with_optimum(followed.joint_path, limits)[1]
-    choice = choice_for(path, followed.joint_path, optimum, held=True)
+    choice = make_choice(path, followed.joint_path, optimum, held=True)
     found = solve_jointly(choice, iterations=SIMULTANEOUS_ITERATIONS)
     if not found.success:
         raise NoSolution(f"ipopt ended with {found.status}")
     return choice, found
 
 
-def motion_of(
+def solution_motion(
     choice: Choice, found: SimultaneousSolution, limits: MotionLimits
 ) -> tuple[FreePath | PointToPoint, Trajectory]:
     """Return the chosen path, and the motion along it by the solution's s(t), a cubic on each interval."""

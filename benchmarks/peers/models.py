@@ -73,7 +73,7 @@ def make_solid(kind: str, a: Array, b: Array, radius: float) -> Solid:
     return kind, [float(radius), length], pose(np.column_stack([*complete_frame(u), u]), 0.5 * (a + b))
 
 
-def quaternion(R: Array) -> Array:
+def quaternion_of(R: Array) -> Array:
     """Return the unit quaternion (4,) of a rotation, scalar first."""
     w = log_so3(R)
     half = 0.5 * float(np.linalg.norm(w))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from benchmarks.problems.base import stream, with_starts
+from benchmarks.problems.base import random_stream, with_starts
 from optik.arm.robot import Robot
 from optik.check import check_count
 from optik.errors import InvalidInput
@@ -55,9 +55,9 @@ def at_boundary(
     check_count(count, "count", 1)
     if not np.isfinite(robot.limits.half[robot.prismatic]).all():
         raise InvalidInput("robot", f"{robot.name} with a prismatic joint without limits", "an arm of finite reach")
-    d = stream(seed, "at_boundary", "directions").normal(size=(count, 3))
+    d = random_stream(seed, "at_boundary", "directions").normal(size=(count, 3))
     d /= np.linalg.norm(d, axis=1, keepdims=True)
-    first = robot.limits.sample(stream(seed, "at_boundary", "searches"), count * CLIMBS)
+    first = robot.limits.sample(random_stream(seed, "at_boundary", "searches"), count * CLIMBS)
     q = _farthest(robot, first, np.repeat(d, CLIMBS, axis=0))
     height = np.einsum("ki,ki->k", robot.fk(q)[:, :3, 3], np.repeat(d, CLIMBS, axis=0)).reshape(count, CLIMBS)
     best = np.ascontiguousarray(q.reshape(count, CLIMBS, robot.n)[np.arange(count), height.argmax(axis=1)])

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from benchmarks.problems.base import stream, with_starts
+from benchmarks.problems.base import random_stream, with_starts
 from optik.arm.robot import Robot
 from optik.check import check_count
 from optik.errors import InvalidInput
@@ -62,7 +62,7 @@ def at_limits(
 
 def _drawn(robot: Robot, seed: int, count: int, number: int) -> Array:
     """Return configurations (count, n) with a number of joints at their limits."""
-    which, side, inside = (stream(seed, "at_limits", str(number), word) for word in ("which", "side", "inside"))
+    which, side, inside = (random_stream(seed, "at_limits", str(number), word) for word in ("which", "side", "inside"))
     q = robot.limits.sample(inside, count)
     movable = np.flatnonzero(robot.limits.bounded)
     order = np.argsort(which.random((count, len(movable))), axis=1)[:, :number]

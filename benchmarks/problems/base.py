@@ -1,13 +1,13 @@
-"""Problem sets: targets with starts, near a solution, far from it, random or zero, and configurations near singularities."""
+"""Problem sets: targets with starts and known solutions, and configurations near singularities."""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import wraps
+from collections.abc import Callable, Hashable, Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache, wraps
 from inspect import Signature, cleandoc, signature
-from typing import Any
+from typing import Any, NamedTuple
 from zlib import crc32
 
 import numpy as np
@@ -20,7 +20,12 @@ from optik.arm.model import unit_factors
 from optik.arm.robot import Robot
 from optik.check import check_number
 from optik.errors import InvalidInput
-from optik.types import Array
+from optik.ik import make_solver
+from optik.ik.problem import UNREACHABLE
+from optik.types import Array, Flags, content
+
+# ---------------- problem sets
+
 
 SETS = "benchmarks.problems"
 """Package in which problem sets are found by name."""
@@ -142,7 +147,7 @@ START_KINDS = ("near", "far", "random", "zero")
 uniform inside the limits; zero: all joints at zero. All are clamped to the limits."""
 
 
-def stream(seed: int, *words: str) -> np.random.Generator:
+def random_stream(seed: int, *words: str) -> np.random.Generator:
     """Return an independent random stream for a seed and some words, such as the names of a set and of a group."""
     return np.random.default_rng((seed, *(crc32(word.encode()) for word in words)))
 
@@ -166,12 +171,12 @@ def from_solutions(
     fixed = None if start_deg is None else start_of(robot, start_deg)
     parts = [(group, kind, q) for group, q in groups.items() for kind in kinds]
     first = [
-        start_configurations(robot.limits, stream(seed, kind, group), q, kind, spread)
+        start_configurations(robot.limits, random_stream(seed, kind, group), q, kind, spread)
         if fixed is None
         else np.tile(fixed, (len(q), 1))
         for group, kind, q in parts
     ]
-    names = [named(group, kind, kinds) for group, kind, q in parts for _ in q]
+    names = [name_with_kind(group, kind, kinds) for group, kind, q in parts for _ in q]
     far = [np.full(len(q), spread if kind == "near" else np.nan) for _, kind, q in parts]
     solutions = np.concatenate([q for *_, q in parts])
     sigma, known = robot.singular_values(solutions)[:, -1], np.ones(len(names), dtype=bool)
@@ -222,7 +227,7 @@ def check_starts(
     return kinds
 
 
-def named(group: str, kind: str, kinds: Sequence[str]) -> str:
+def name_with_kind(group: str, kind: str, kinds: Sequence[str]) -> str:
     """Return the name of a group, with its kind of start if there are several kinds."""
     return group if len(kinds) == 1 else f"{group}, {kind} start"
 
@@ -344,3 +349,72 @@ def by_all_joints(robot: Robot, q: Array) -> Array:
         move *= np.minimum(1.0, 0.5 / np.maximum(np.abs(move).max(axis=1, keepdims=True), 1e-12))
         q, u = robot.limits.clip(q - move[:, : robot.n]), u - move[:, robot.n :]
     return q
+
+
+# ---------------- known solutions
+
+
+REFERENCE_RESTARTS = 100
+"""Restarts of `lm` for one target. On the paper's workspace 20, 50, 100 and 500 solve the same 2,733 targets of 4,305."""
+
+MOST_BRANCHED = 6
+"""Largest number of moving joints for finitely many solutions; with more, closed forms only sample them."""
+
+
+class Known(NamedTuple):
+    """Known solutions of some targets."""
+
+    q: Array  # (k, n) configurations inside the limits [rad, m]; NaN where none was found
+    unreachable: Flags  # whether the bound on the arm's reach proves that there is none
+
+    @property
+    def found(self) -> Flags:
+        """Whether each target (k,) has a known solution."""
+        return np.asarray(np.isfinite(self.q).all(axis=1))
+
+
+def known_solutions(robot: Robot, targets: Array, starts: Array, *, restarts: int = REFERENCE_RESTARTS) -> Known:
+    """Find a configuration for each target: by `lm` with restarts, or else by `closed_form` among all branches.
+
+    `lm` solves all targets as one batch, and proves those beyond the bound on the arm's reach unreachable. `closed_form`
+    takes those that are left; arms with more than six moving joints, which have infinitely many branches, do without.
+    """
+    digests = tuple(hashlib.sha256(x.tobytes()).digest() for x in (targets, starts))
+    return _solved(_Asked((content(robot.to_dict()), digests, restarts), robot, targets, starts, restarts))
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """Arguments of `known_solutions`, compared by content."""
+
+    key: Hashable
+    robot: Robot = field(compare=False)
+    targets: Array = field(compare=False)
+    starts: Array = field(compare=False)
+    restarts: int = field(compare=False)
+
+
+@lru_cache(maxsize=2)  # blocks of a suite share a set: the paper's workspace is solved once, not once for each of them
+def _solved(asked: _Asked) -> Known:
+    """Return the known solutions, cached by arguments."""
+    robot, targets, starts = asked.robot, asked.targets, asked.starts
+    batch = make_solver(robot, "lm", max_restarts=asked.restarts).solve_batch(targets, starts)
+    q = np.where(batch.solved[:, None], batch.q, np.nan)
+    unreachable: Flags = batch.status == UNREACHABLE
+    left = np.flatnonzero(~batch.solved & ~unreachable)
+    if len(left) and np.count_nonzero(robot.limits.lower < robot.limits.upper) <= MOST_BRANCHED:
+        branches = make_solver(robot, "closed_form").solve_batch(targets[left], starts[left])
+        q[left[branches.solved]] = branches.q[branches.solved]
+    q.flags.writeable = unreachable.flags.writeable = False
+    return Known(q, unreachable)
+
+
+def searched(
+    robot: Robot, targets: Array, starts: Array, group: NDArray[np.str_], *, restarts: int = REFERENCE_RESTARTS
+) -> ProblemSet:
+    """Return a problem set of targets that are not reachable by construction; a search decides which are."""
+    known = known_solutions(robot, targets, starts, restarts=restarts)
+    sigma, found = np.full(len(targets), np.nan), known.found
+    if found.any():
+        sigma[found] = robot.singular_values(known.q[found])[:, -1]
+    return ProblemSet(targets, starts, group, found, sigma, np.full(len(targets), np.nan), known.unreachable)

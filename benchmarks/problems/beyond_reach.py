@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from benchmarks.problems.base import ProblemSet, from_solutions, stream
+from benchmarks.problems.base import ProblemSet, from_solutions, random_stream
 from optik.arm.reach import outside_reach, reach_bound
 from optik.arm.robot import Robot
 from optik.check import check_count, check_number
@@ -69,7 +69,7 @@ def beyond_reach(
     groups = {}
     for excess in map(float, excesses_m):
         check_number(excess, "excesses_m", "metres above 0", above=0.0)
-        q = robot.limits.sample(stream(seed, "beyond_reach", repr(excess)), count)
+        q = robot.limits.sample(random_stream(seed, "beyond_reach", repr(excess)), count)
         groups[f"beyond by {1e3 * excess:g} mm"] = q
     drawn = from_solutions(robot, seed, groups, starts=starts, spread=spread, start_deg=start_deg)
     each = np.repeat(np.asarray(excesses_m, dtype=float), len(drawn) // len(groups))

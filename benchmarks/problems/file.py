@@ -8,8 +8,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from benchmarks.problems._reference import REFERENCE_RESTARTS, searched
-from benchmarks.problems.base import ProblemSet, check_starts, named, start_configurations, start_of, stream
+from benchmarks.problems.base import (
+    REFERENCE_RESTARTS,
+    ProblemSet,
+    check_starts,
+    name_with_kind,
+    random_stream,
+    searched,
+    start_configurations,
+    start_of,
+)
 from benchmarks.problems.tables import Poses, read_poses
 from optik.arm.robot import Robot
 from optik.types import Array
@@ -65,7 +73,7 @@ def file(
     kinds = check_starts(starts, start_deg, FREE_STARTS)
     first = np.concatenate([_starts(robot, seed, kind, poses, start_deg) for kind in kinds])
     targets = np.tile(poses.targets, (len(kinds), 1, 1))
-    group: NDArray[np.str_] = np.array([named(str(g), kind, kinds) for kind in kinds for g in poses.group])
+    group: NDArray[np.str_] = np.array([name_with_kind(str(g), kind, kinds) for kind in kinds for g in poses.group])
     return searched(robot, targets, first, group, restarts=reference_restarts)
 
 
@@ -74,7 +82,7 @@ def _starts(robot: Robot, seed: int, kind: str, poses: Poses, start_deg: ArrayLi
     k = len(poses.targets)
     if start_deg is not None:
         return np.tile(start_of(robot, start_deg), (k, 1))
-    return start_configurations(robot.limits, stream(seed, "file", kind), np.zeros((k, robot.n)), kind, 1.0)
+    return start_configurations(robot.limits, random_stream(seed, "file", kind), np.zeros((k, robot.n)), kind, 1.0)
 
 
 METHOD = file

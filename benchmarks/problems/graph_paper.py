@@ -8,8 +8,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import ArrayLike
 
-from benchmarks.problems._reference import REFERENCE_RESTARTS, searched
-from benchmarks.problems.base import ProblemSet, start_of
+from benchmarks.problems.base import REFERENCE_RESTARTS, ProblemSet, searched, start_of
 from optik.arm.robot import Robot
 from optik.check import check_number
 from optik.errors import InvalidInput

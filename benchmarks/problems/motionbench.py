@@ -24,7 +24,7 @@ from optik.errors import InvalidInput, NoSolution
 from optik.file_io import parse_yaml
 from optik.scene import Scene
 from optik.scene.contact import find_contact, find_nearest_pairs
-from optik.scene.moveit import scene_from_moveit
+from optik.scene.files import scene_from_moveit
 from optik.types import Array
 
 MEMBER = re.compile(r"(?:^|/)(?P<kind>[^/]+)_[^/_]+/(?P<part>scene|request)(?P<number>\d+)\.yaml$")

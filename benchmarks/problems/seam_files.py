@@ -19,9 +19,9 @@ from optik.arm.robot import Robot
 from optik.errors import InvalidInput
 from optik.file_io import check_suffix, decode_text, parse_yaml, read_bytes
 from optik.scene import Scene
-from optik.scene.messages import read_fields
+from optik.scene.files import read_fields
 from optik.se3 import check_pose
-from optik.tables import read_number
+from optik.tables import read_cell
 from optik.types import Array
 from planners.paths.polyline import Polyline
 from planners.program.parts import Program
@@ -184,7 +184,7 @@ def _read_poses(file: Path, headers: tuple[str, ...], *, scalar_first: bool) -> 
         )
     rows, where = list[list[float]](), [f"{file}, line {number}" for number in range(2, len(lines) + 1)]
     for at, line in zip(where, lines[1:], strict=True):
-        rows.append([read_number(cell) for cell in line.split(",")])
+        rows.append([read_cell(cell) for cell in line.split(",")])
         if len(rows[-1]) != COLUMNS or not all(map(isfinite, rows[-1])):
             raise InvalidInput(at, repr(line)[:60], f"{COLUMNS} numbers: {headers[0]}")
     if len(rows) < 2:

@@ -7,7 +7,16 @@ from itertools import pairwise
 
 import numpy as np
 
-from benchmarks.problems.base import ELBOW, RANK_LOST, SHOULDER, WRIST, by_all_joints, by_one_joint, stream, with_starts
+from benchmarks.problems.base import (
+    ELBOW,
+    RANK_LOST,
+    SHOULDER,
+    WRIST,
+    by_all_joints,
+    by_one_joint,
+    random_stream,
+    with_starts,
+)
 from optik.arm.robot import Robot
 from optik.check import check_count, check_number
 from optik.errors import InvalidInput
@@ -108,7 +117,7 @@ def _shell(robot: Robot, seed: int, count: int, kind: str, shell: tuple[float, f
     """Return configurations (count, n) near one kind of singularity, in one shell."""
     found: list[Array] = []
     for chunk in range(count + IDLE_CHUNKS):
-        rng = stream(seed, "singular_shells", kind, repr(shell), str(chunk))
+        rng = random_stream(seed, "singular_shells", kind, repr(shell), str(chunk))
         singular = _singular(robot, rng, kind)
         away = np.zeros_like(singular)
         if kind == "any":

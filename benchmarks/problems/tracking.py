@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from benchmarks.problems.base import ProblemSet, stream
+from benchmarks.problems.base import ProblemSet, random_stream
 from optik.arm.robot import Robot
 from optik.check import check_count, check_number
 from optik.errors import InvalidInput
@@ -61,7 +61,7 @@ def tracking(
     check_number(range_share, "range_share", "a fraction in (0, 1]", above=0.0)
     if range_share > 1.0:
         raise InvalidInput("range_share", range_share, "a fraction in (0, 1]")
-    rng = stream(seed, "tracking")
+    rng = random_stream(seed, "tracking")
     loop = _Loop(robot, rng, range_share)
     q, starts = [], []
     for step in steps_m:

@@ -14,15 +14,14 @@ from benchmarks.blocks.base import GROUP, BlockRows, Kind, load_kind
 from benchmarks.blocks.block import TargetOutcome
 from benchmarks.experiments.base import UNTESTED, Finding
 from benchmarks.records import MANIFEST, RunFolder, slug
-from benchmarks.report.figures import Json, method_colour, method_dash, method_symbol
+from benchmarks.report.boards import Json, method_colour, method_dash, method_symbol
 from benchmarks.report.tables import Column, Table, table_of
 from benchmarks.statistics import is_too_few
 from benchmarks.suite import Suite, drop_removed, suite_of
 from optik.arm.library import load
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
-from optik.plugins.files import forbid_code, is_path
-from optik.plugins.usage import collect_plugins
+from optik.plugins.files import collect_plugins, forbid_code, is_path
 from optik.registry import own_names, short_name
 
 QUESTION = Path(__file__).parent / "templates" / "question.html.j2"
@@ -235,6 +234,6 @@ class Run:
     @cached_property
     def findings(self) -> list[Finding]:
         """Findings of the run on the paper's claims."""
-        from benchmarks.experiments.claims import judge
+        from benchmarks.experiments.claims import judge_claims
 
-        return judge(self.folder)
+        return judge_claims(self.folder)

@@ -8,7 +8,7 @@ import polars as pl
 
 from benchmarks.blocks.base import BlockRows
 from benchmarks.blocks.batch import solved_rate
-from benchmarks.blocks.columns import mean, median_with_range
+from benchmarks.blocks.block import mean, median_with_range
 from benchmarks.report.base import KindReport, Run, Section, Winner
 from benchmarks.report.tables import Cell, Column, Table, table_of
 from benchmarks.statistics import percentage

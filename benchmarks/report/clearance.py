@@ -12,10 +12,19 @@ from benchmarks.blocks.base import BlockRows
 from benchmarks.blocks.clearance import MEASURES, PROOF
 from benchmarks.records import slug
 from benchmarks.report.base import KindReport, Run, Section
-from benchmarks.report.boards import Board, Control
-from benchmarks.report.figures import add, add_steps, axis, figure, interval, line, percent_axis, ticked_axis
-from benchmarks.report.numbers import number
-from benchmarks.report.tables import Column, Table, table_of
+from benchmarks.report.boards import (
+    Board,
+    Control,
+    add,
+    add_steps,
+    axis,
+    figure,
+    interval,
+    line,
+    percent_axis,
+    ticked_axis,
+)
+from benchmarks.report.tables import Column, Table, number, table_of
 from benchmarks.statistics import percentage
 
 TIME_TICKS = (0.1, 0.3, 1, 3, 10, 30, 100, 300)

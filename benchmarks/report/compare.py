@@ -15,7 +15,7 @@ from benchmarks.blocks.block import Block
 from benchmarks.provenance import REFERENCE_LOOPS
 from benchmarks.records import slug
 from benchmarks.report.base import Run
-from benchmarks.report.numbers import quoted
+from benchmarks.report.tables import quote_label
 from benchmarks.statistics import holm, mcnemar, ratio_interval, signed_rank, wilson
 from optik.errors import InvalidInput
 from optik.plugins.files import forbid_code
@@ -157,7 +157,7 @@ def _of_block(
     labels = x["method"].unique(maintain_order=True).to_list()
     theirs = set(y["method"])
     missing = [label for label in labels if label not in theirs] + sorted(theirs - set(labels))
-    left_out += [f"{block.id}: {quoted(label)} is in one run only" for label in missing]
+    left_out += [f"{block.id}: {quote_label(label)} is in one run only" for label in missing]
     for label in (label for label in labels if label in theirs):
         for name, field in kind.compared.items():
             mine, other_rows = (frame.filter(pl.col("method") == label) for frame in (x, y))

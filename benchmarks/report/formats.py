@@ -12,11 +12,9 @@ import numpy as np
 
 from benchmarks.records import RunFolder, slug
 from benchmarks.report.base import Run
-from benchmarks.report.boards import Board
-from benchmarks.report.figures import DASHES, SYMBOLS, Json
-from benchmarks.report.sections import asked_table, built, failure_table
+from benchmarks.report.boards import DASHES, SYMBOLS, Board, Json
+from benchmarks.report.page import asked_table, built, failure_table, overview, winners_table
 from benchmarks.report.tables import Table, csv_of, markdown_of, marked, tex_of
-from benchmarks.report.winners import overview, winners_table
 from optik.errors import InvalidInput, MissingDependency
 from optik.plugins.files import forbid_code
 

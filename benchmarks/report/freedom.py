@@ -15,10 +15,11 @@ from benchmarks.blocks.base import BlockRows
 from benchmarks.blocks.freedom import ALONG_INITIAL, CHOSEN, MEASURES, FreeSet
 from benchmarks.records import slug
 from benchmarks.report.base import KindReport, Run, Section
-from benchmarks.report.boards import Board, Control, squeeze
-from benchmarks.report.figures import (
+from benchmarks.report.boards import (
     ALARM_COLOUR,
     MUTED_COLOUR,
+    Board,
+    Control,
     add,
     add_steps,
     axis,
@@ -27,12 +28,11 @@ from benchmarks.report.figures import (
     figure,
     line,
     percent_axis,
+    squeeze,
     vary,
 )
-from benchmarks.report.numbers import number
-from benchmarks.report.tables import Column, Group, Table, table_of
-from benchmarks.report.timing.line import detailed
-from benchmarks.report.timing.space import read_track
+from benchmarks.report.tables import Column, Group, Table, number, table_of
+from benchmarks.report.timing.line import detailed, read_track
 from optik.view.page import embed_arm
 
 HOW_COMPARED = (

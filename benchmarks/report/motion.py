@@ -11,10 +11,8 @@ from benchmarks.blocks.base import BlockRows
 from benchmarks.blocks.motion import COUNTED, MEASURES, OURS
 from benchmarks.records import slug
 from benchmarks.report.base import KindReport, Run, Section
-from benchmarks.report.boards import Board, Control
-from benchmarks.report.figures import add_steps, axis, figure
-from benchmarks.report.numbers import number
-from benchmarks.report.tables import Column, Group, Table, table_of
+from benchmarks.report.boards import Board, Control, add_steps, axis, figure
+from benchmarks.report.tables import Column, Group, Table, number, table_of
 
 HOW_PLANNED = (
     f"Every method gets the same problems: obstacles, a start and a goal in joint space, and limits. “{OURS}” searches a "

@@ -8,9 +8,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.interpolate import BPoly, CubicSpline, PPoly
 
-from planners import TimeLaw
 from planners.limits import DERIVATIVES
-from planners.motion.fit import fit_to_limits
+from planners.motion.motion import stretch_to_limits
+from planners.timing import TimeLaw
 from planners.timing.base import refit
 
 
@@ -31,7 +31,9 @@ class SlowMiddle(TimeLaw):
     def _time(self, joint_path, limits):
         """Time the joint path."""
         shape = refit(joint_path, self._progress(joint_path))
-        return fit_to_limits(joint_path.robot, shape, limits, self.enforced)  # scales the motion in time to the limits
+        return stretch_to_limits(
+            joint_path.robot, shape, limits, self.enforced
+        )  # scales the motion in time to the limits
 
     def _progress(self, joint_path):
         """s(t) over one second: a minimum-jerk motion in the variable whose density is the time per distance."""

@@ -39,7 +39,7 @@ class ScipySpline(TimingPeer):
     def read(self, joint_path, raw):
         """Return the motion of a call. Not timed."""
         spline, duration = raw
-        return Trajectory(spline).slowed(duration)
+        return Trajectory(spline).stretched(duration)
 
 
 METHOD = ScipySpline

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optik.arm.limits import freeze, replace_fields
+from optik.arm.limits import ByContent, freeze, replace_fields
 from optik.check import check_number, real_array
 from optik.errors import InvalidInput
 from optik.types import Array
@@ -120,7 +120,7 @@ class Load(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Inertia:
+class Inertia(ByContent):
     """Masses of the links and inertia and friction of the joints of an arm.
 
     Link i moves with joint i; its values are given in the frame of that joint (`Robot.frames`). Two objects are equal if
@@ -163,10 +163,8 @@ class Inertia:
         if mass.ndim != 1 or mass.size == 0:
             raise InvalidInput("inertia.mass", f"shape {mass.shape}", "masses (n,), one for each link")
         n = mass.size
-        com, tensor = (
-            check_shape(self.com, (n, 3), "inertia.com"),
-            check_shape(self.tensor, (n, 3, 3), "inertia.tensor"),
-        )
+        com = check_shape(self.com, (n, 3), "inertia.com")
+        tensor = check_shape(self.tensor, (n, 3, 3), "inertia.tensor")
         bodies = [check_body((mass[i], com[i], tensor[i]), f"link {i + 1}") for i in range(n)]
         for field, part in (("mass", 0), ("com", 1), ("tensor", 2)):
             object.__setattr__(self, field, freeze(np.array([body[part] for body in bodies]), field))
@@ -181,12 +179,6 @@ class Inertia:
         """Bytes of all numbers."""
         arrays = (self.mass, self.com, self.tensor, self.motor, self.viscous, self.coulomb)
         return b"".join(array.tobytes() for array in arrays)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Inertia) and self.content == other.content
-
-    def __hash__(self) -> int:
-        return hash(self.content)
 
     def transform(self, poses: ArrayLike) -> Inertia:
         """Return the same bodies in other frames.
@@ -237,7 +229,7 @@ class Inertia:
 
 
 @dataclass(frozen=True, eq=False)
-class Payload:
+class Payload(ByContent):
     """A rigid body in the tool's frame, with a known mass or an interval of masses.
 
     Parameters
@@ -290,12 +282,6 @@ class Payload:
     def content(self) -> bytes:
         """Bytes of all numbers."""
         return b"".join(array.tobytes() for array in (np.array(self.masses), self.com, self.inertia))
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Payload) and self.content == other.content
-
-    def __hash__(self) -> int:
-        return hash(self.content)
 
     def __str__(self) -> str:
         return " to ".join(f"{mass:.6g}" for mass in self.masses) + " kg"

@@ -39,6 +39,21 @@ def freeze(value: ArrayLike, argument: str) -> Array:
     return array
 
 
+class ByContent:
+    """Base of records that are equal if their contents are."""
+
+    @property
+    def content(self) -> bytes:
+        """The numbers and names, as bytes."""
+        raise NotImplementedError
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, type(self)) and self.content == other.content
+
+    def __hash__(self) -> int:
+        return hash(self.content)
+
+
 def replace_fields(record: R, argument: str, values: Mapping[str, Any]) -> R:
     """Return a copy of a dataclass with some fields replaced."""
     known = [field.name for field in fields(record)]
@@ -48,7 +63,7 @@ def replace_fields(record: R, argument: str, values: Mapping[str, Any]) -> R:
 
 
 @dataclass(frozen=True, eq=False)
-class VelocityByPosition:
+class VelocityByPosition(ByContent):
     """Velocity limits that fall towards the ends of the ranges: −offset + √(2 deceleration r) at a distance r from the end.
 
     Parameters
@@ -79,12 +94,6 @@ class VelocityByPosition:
     def content(self) -> bytes:
         """The numbers, as bytes."""
         return self.offset.tobytes() + self.deceleration.tobytes()
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, VelocityByPosition) and self.content == other.content
-
-    def __hash__(self) -> int:
-        return hash(self.content)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return VelocityByPosition, (self.offset, self.deceleration)
@@ -185,10 +194,12 @@ class JointLimits:
             most = f"at most {LARGEST_LIMIT:g} rad or m"
             expected = f"{most}; infinity for a joint without a limit (type continuous in a URDF)"
             raise InvalidInput("limits", f"{lower[i]:.6g} to {upper[i]:.6g} at joint {i + 1}", expected)
-        slowed = self.velocity_by_position
-        if slowed is not None and not (isinstance(slowed, VelocityByPosition) and slowed.offset.size == lower.size):
+        by_position = self.velocity_by_position
+        if by_position is not None and not (
+            isinstance(by_position, VelocityByPosition) and by_position.offset.size == lower.size
+        ):
             expected = f"a VelocityByPosition of {lower.size} joints"
-            raise InvalidInput("limits.velocity_by_position", repr(slowed)[:60], expected)
+            raise InvalidInput("limits.velocity_by_position", repr(by_position)[:60], expected)
         object.__setattr__(self, "lower", lower)
         object.__setattr__(self, "upper", upper)
         for field in DYNAMIC_LIMITS:

@@ -11,14 +11,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optik.arm.inertia import Load
-from optik.arm.limits import JointLimits, freeze
+from optik.arm.limits import ByContent, JointLimits, freeze
 from optik.check import check_words
 from optik.errors import InvalidInput, RobotModelError
 from optik.types import Array, Flags, Indices
 
 
 @dataclass(frozen=True, eq=False)
-class Linkage:
+class Linkage(ByContent):
     """Axes of a chain that follow its joints: axis i has the value factor_i q_k + offset_i, where k is joint_i.
 
     Parameters
@@ -52,16 +52,11 @@ class Linkage:
             raise InvalidInput("linkage", f"{factor}, {offset}"[:80], "a joint, a factor and an offset for each axis")
         if joint.dtype.kind != "i" or set(joint.tolist()) != set(range(int(joint.max()) + 1)):
             raise InvalidInput("linkage.joint", str(joint)[:60], "every joint from 0 on")
-        given = {
-            "joint": joint,
-            "factor": factor,
-            "offset": offset,
-            "prismatic": np.array(self.prismatic),
-            "names": names,
-        }
+        slides = np.array(self.prismatic)
+        for array in (joint, slides):
+            array.setflags(write=False)
+        given = {"joint": joint, "factor": factor, "offset": offset, "prismatic": slides, "names": names}
         for name, value in given.items():
-            if isinstance(value, np.ndarray):
-                value.setflags(write=False)
             object.__setattr__(self, name, value)
 
     @cached_property
@@ -83,12 +78,6 @@ class Linkage:
         return repr((self.names, self.joint.tolist(), self.prismatic.tolist())).encode() + (
             self.factor.tobytes() + self.offset.tobytes()
         )
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Linkage) and self.content == other.content
-
-    def __hash__(self) -> int:
-        return hash(self.content)
 
     def spread(self, q: ArrayLike, order: int = 0) -> Array:
         """Return the values (..., N) of the axes, or their derivatives, from those of the joints (..., n)."""

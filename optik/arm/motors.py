@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optik.arm.limits import LIMIT_TOLERANCE, JointLimits, freeze
+from optik.arm.limits import LIMIT_TOLERANCE, ByContent, JointLimits, freeze
 from optik.check import check_words, real_array
 from optik.errors import InvalidInput, RobotModelError
 from optik.types import Array, Flags, Indices
@@ -20,7 +20,7 @@ WORST_CONDITION = 1e6
 
 
 @dataclass(frozen=True, eq=False)
-class Motors:
+class Motors(ByContent):
     """Motors that move the axes together: axes q = matrix m + offset. The maker's joints are the motors.
 
     Parameters
@@ -121,12 +121,6 @@ class Motors:
         values = [getattr(self.limits, name) for name in LIMIT_FIELDS]
         arrays = (self.matrix, self.offset, self.inertia, self.viscous, self.coulomb, *values)
         return repr(self.names).encode() + b"".join(b"-" if x is None else x.tobytes() for x in arrays)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Motors) and self.content == other.content
-
-    def __hash__(self) -> int:
-        return hash(self.content)
 
     def limit_axes(self) -> AxisLimits:
         """Return the limits of the axes: the ranges and the greatest rates that the motors permit, of each axis alone.

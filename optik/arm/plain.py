@@ -197,13 +197,13 @@ def arm_from_dict(data: Any) -> ArmModel:
     links = n if linkage is None else len(linkage.names)
     optional = (*LATER_KEYS, "velocity_by_position")
     given = dict(read_record(data["limits"], LIMIT_KEYS, "robot.limits", optional=optional))
-    slowed = given.pop("velocity_by_position", None)
+    by_position = given.pop("velocity_by_position", None)
     limits: dict[str, Any] = {
         k: None if v is None and k not in ("lower", "upper") else read_numbers(v, (n,), f"robot.limits.{k}")
         for k, v in given.items()
     }
-    if slowed is not None:
-        limits["velocity_by_position"] = VelocityByPosition.from_plain(slowed, "robot.limits.velocity_by_position")
+    if by_position is not None:
+        limits["velocity_by_position"] = VelocityByPosition.from_plain(by_position, "robot.limits.velocity_by_position")
     return ArmModel(
         name=read_word(data["name"], "robot.name"),
         fixed=read_numbers(data["fixed"], (links, 4, 4), "robot.fixed"),
@@ -224,9 +224,7 @@ def arm_from_dict(data: Any) -> ArmModel:
 
 def _linkage_to_dict(linkage: Linkage) -> dict[str, Any]:
     """Return the relations of a linkage as plain data."""
-    return {
-        name: [*getattr(linkage, name)] if name == "names" else getattr(linkage, name).tolist() for name in LINKAGE_KEYS
-    }
+    return {name: np.asarray(getattr(linkage, name)).tolist() for name in LINKAGE_KEYS}
 
 
 def _linkage_from_dict(data: Any) -> Linkage:

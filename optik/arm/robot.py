@@ -26,7 +26,7 @@ from optik.types import Array
 
 if TYPE_CHECKING:
     from optik.arm.compare import ArmComparison
-    from optik.arm.shapes.meshes import Folders
+    from optik.arm.shapes.urdf import Folders
 
 
 @dataclass(frozen=True, eq=False)

@@ -125,10 +125,10 @@ def _type_and_limit(arm: ArmModel, i: int) -> tuple[str, list[str]]:
 
 def _by_position_lines(arm: ArmModel, i: int) -> list[str]:
     """Return the <position_based_velocity_limits> of a joint, if it has any."""
-    slowed = arm.limits.velocity_by_position
-    if slowed is None or not np.isfinite(slowed.deceleration[i]):
+    by_position = arm.limits.velocity_by_position
+    if by_position is None or not np.isfinite(by_position.deceleration[i]):
         return []
-    o, d = float(slowed.offset[i]), float(slowed.deceleration[i])
+    o, d = float(by_position.offset[i]), float(by_position.deceleration[i])
     return [f'    <{BY_POSITION} velocity_offset="{o!r}" deceleration_limit="{d!r}"/>']
 
 

@@ -103,10 +103,10 @@ def file_name() -> str:
 @cache
 def open_archive() -> Archive | str:
     """Return the archive for this platform and version of Python, or the reason why there is none."""
-    return load(ARCHIVES / file_name())
+    return load_archive(ARCHIVES / file_name())
 
 
-def load(file: Path) -> Archive | str:
+def load_archive(file: Path) -> Archive | str:
     """Read the index of an archive; return a sentence if the file is missing or damaged."""
     try:
         with file.open("rb") as lines:
@@ -131,7 +131,9 @@ def load(file: Path) -> Archive | str:
         return f"{file} is damaged: {type(error).__name__}"
 
 
-def pack(file: Path, versions: Sequence[str], target: CompileTarget, kernels: Mapping[str, tuple[str, bytes]]) -> None:
+def pack_archive(
+    file: Path, versions: Sequence[str], target: CompileTarget, kernels: Mapping[str, tuple[str, bytes]]
+) -> None:
     """Write an archive of kernels, given their names and what is cached of them by fingerprint."""
     from lzma import compress
 

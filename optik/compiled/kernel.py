@@ -17,8 +17,7 @@ from numba.core import config, types
 from numba.core.dispatcher import _FunctionCompiler  # type: ignore[attr-defined]
 from numba.core.registry import CPUDispatcher
 
-from optik.compiled.cache import KernelCache
-from optik.compiled.fingerprint import MOST_OPT
+from optik.compiled.cache import MOST_OPT, KernelCache
 
 config._config_fname = os.devnull  # a .numba_config.yaml in the working folder could name a folder of code to run
 config.reload_config()

@@ -3,7 +3,7 @@
 `Preference` holds the options ``prefer`` and ``posture`` of every method that supports them. All methods minimise the same
 function of q, from a configuration that meets the target to a local minimum in the null space: `lm` by the projected
 gradient descent of `optik.ik._null_space`, `sqp` and `ipopt` by a second programme with the symbolic function of
-`optik.ik._casadi.symbolic`.
+`optik.ik._casadi`.
 """
 
 from __future__ import annotations

@@ -30,7 +30,7 @@ from optik.ik.problem import IKResult as IKResult
 from optik.ik.problem import IKStatus as IKStatus
 from optik.ik.problem import Tolerance as Tolerance
 from optik.ik.problem import ToleranceLike as ToleranceLike
-from optik.plugins.options import defaults
+from optik.plugins.files import defaults
 from optik.registry import ClassName
 from optik.task import Task, as_task, judge
 from optik.types import Array

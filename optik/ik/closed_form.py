@@ -11,7 +11,6 @@ from optik.arm.reach import outside_reach
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
 from optik.ik.analytic import branches
-from optik.ik.analytic import roots as roots_of
 from optik.ik.analytic.backends import BackendError, build_backend
 from optik.ik.base import Attempt, IKSolver, IKStatus
 from optik.ik.problem import check_start
@@ -188,10 +187,10 @@ class ClosedForm(IKSolver):
             )
         candidates, q = self._find_candidates(target), np.empty(self.robot.n)
         problem = self._chain, self._free, self._limits, target, self._tight
-        count, solved, doubt = roots_of.find_nearest_branch(*problem, candidates, start, q)
+        count, solved, doubt = branches.find_nearest_branch(*problem, candidates, start, q)
         if 0 < count < MOST_ROOTS and not doubt:
             candidates = np.vstack([candidates, start, *self._find_candidates_beside(target, 2)])
-            count, solved, doubt = roots_of.find_nearest_branch(*problem, candidates, start, q)
+            count, solved, doubt = branches.find_nearest_branch(*problem, candidates, start, q)
         if count == 0 or doubt or (count < MOST_ROOTS and not solved):
             return self._choose_nearest(target, start, self._find_all(target, start, candidates, few=True))
         status = IKStatus.SOLVED if solved else IKStatus.OUTSIDE_LIMITS
@@ -204,10 +203,10 @@ class ClosedForm(IKSolver):
             return Attempt(q.copy(), IKStatus.SOLVED, found.steps, None, found.message)
         q = start.copy()
         if len(found.roots):
-            roots_of.choose_nearest(self._chain, self._limits, found.roots, start, q)
+            branches.choose_nearest(self._chain, self._limits, found.roots, start, q)
             return Attempt(q, IKStatus.OUTSIDE_LIMITS, found.steps, None, found.message)
         q = self.robot.limits.clip(q)
-        roots_of.refine(self._chain, self._limits, target, self.max_iterations, q)
+        branches.refine_root(self._chain, self._limits, target, self.max_iterations, q)
         return Attempt(q, IKStatus.STALLED, found.steps, None, found.message)
 
     # ------------------------------------------------------------ roots
@@ -229,7 +228,7 @@ class ClosedForm(IKSolver):
         # if none meets the target to rounding (a target just out of reach), those within the tolerance
         roots, singular = np.empty_like(candidates), np.empty(len(candidates), np.bool_)
         for errors in tolerances or (self._tight, self._errors):
-            count = roots_of.find_distinct(self._chain, self._free, target, errors, candidates, roots, singular)
+            count = branches.find_distinct(self._chain, self._free, target, errors, candidates, roots, singular)
             if count:
                 break
         return roots[:count], singular[:count]
@@ -245,7 +244,7 @@ class ClosedForm(IKSolver):
         bounds = self._limits if clamped else self._free
         steps = 0
         for errors in (self._tight, self._errors):
-            count, taken = roots_of.enumerate_roots(
+            count, taken = branches.enumerate_roots(
                 self._chain, bounds, target, errors, starts, self.max_iterations, roots, IDLE_SEEDS
             )
             steps += taken

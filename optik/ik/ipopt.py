@@ -8,8 +8,16 @@ import casadi as ca
 
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
-from optik.ik._casadi.programme import IkAnswer, IkProblem, ProgrammeSolver, first_line
-from optik.ik._casadi.symbolic import Model, cost, cost_derivatives, error_components
+from optik.ik._casadi import (
+    IkAnswer,
+    IkProblem,
+    ProgrammeSolver,
+    SymbolicModel,
+    cost,
+    cost_derivatives,
+    error_components,
+    first_line,
+)
 from optik.ik.base import IKStatus
 
 _RETURN_CODES = {
@@ -85,7 +93,7 @@ class IPOPT(ProgrammeSolver):
         self._tight = min(self.tolerance.position, self.tolerance.rotation)
         self._build()
 
-    def _problem(self, m: Model, choice: bool) -> tuple[str, dict[str, Any], dict[str, Any]]:
+    def _problem(self, m: SymbolicModel, choice: bool) -> tuple[str, dict[str, Any], dict[str, Any]]:
         ipopt = _OPTIONS | {"max_iter": self.max_iterations, "constr_viol_tol": 0.1 * self._tight}
         if choice:
             problem = self._second_problem(m)
@@ -118,7 +126,7 @@ class IPOPT(ProgrammeSolver):
         return status
 
 
-def _gauss_newton_hessian(m: Model, problem: dict[str, Any], H: Any) -> ca.Function:
+def _gauss_newton_hessian(m: SymbolicModel, problem: dict[str, Any], H: Any) -> ca.Function:
     """Build the Gauss–Newton Hessian, which is cheaper than the exact one, and never indefinite, so IPOPT never corrects it."""
     # With as many equations as moving joints the steps are Newton's for any Hessian. For redundant arms and for least
     # squares, the exact Hessian needs fewer iterations.

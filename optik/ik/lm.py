@@ -16,8 +16,8 @@ from optik.arm.robot import Robot
 from optik.check import check_flag, check_number
 from optik.errors import InvalidInput, RobotModelError
 from optik.ik._lm import kernels
-from optik.ik._lm.packing import AT_ATTEMPTS, AT_BEST, AT_BEST_E, AT_FIRST, AT_ITERATIONS, MOST_JOINTS, pack
-from optik.ik._lm.partial_pose import attempt_task
+from optik.ik._lm.lanes import AT_ATTEMPTS, AT_BEST, AT_BEST_E, AT_FIRST, AT_ITERATIONS, MOST_JOINTS, pack_arm
+from optik.ik._lm.search import attempt_task
 from optik.ik._null_space import Preference
 from optik.ik.base import Attempt, IKBatch, IKResult, IKSolver, IKStatus
 from optik.ik.problem import MAX_ITERATIONS, SOLVED, STALLED, STATUS_OF_CODE, TOO_FEW_JOINTS, check_start
@@ -113,7 +113,7 @@ class LM(IKSolver):
         self._packed = self.task.is_pose and robot.linkage is None  # the kernel's axes are the joints
         self._fast = self._packed and usual and not self.preference
         if robot.linkage is None:
-            self._arm = pack(robot, self._reach, self._numbers)
+            self._arm = pack_arm(robot, self._reach, self._numbers)
             self._compare_models()
 
     def solve(self, target: ArrayLike, q0: ArrayLike, *, trace: bool = False, closest: bool = False) -> IKResult:

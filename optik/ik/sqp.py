@@ -7,8 +7,7 @@ from typing import Any, ClassVar
 import casadi as ca
 
 from optik.arm.robot import Robot
-from optik.ik._casadi.programme import IkAnswer, ProgrammeSolver
-from optik.ik._casadi.symbolic import Model, cost_derivatives
+from optik.ik._casadi import IkAnswer, ProgrammeSolver, SymbolicModel, cost_derivatives
 from optik.ik.base import IKStatus
 
 _QUIET = {"print_time": False, "print_header": False, "print_iteration": False, "print_status": False}
@@ -39,7 +38,7 @@ class SQP(ProgrammeSolver):
         self._tight = min(self.tolerance.position, self.tolerance.rotation)
         self._build()
 
-    def _problem(self, m: Model, choice: bool) -> tuple[str, dict[str, Any], dict[str, Any]]:
+    def _problem(self, m: SymbolicModel, choice: bool) -> tuple[str, dict[str, Any], dict[str, Any]]:
         options: dict[str, Any] = {
             **_QUIET,
             "error_on_fail": False,

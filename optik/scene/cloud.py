@@ -15,8 +15,7 @@ from optik.check import format_value, real_array
 from optik.compiled import compiled, inlined
 from optik.errors import InvalidInput
 from optik.kinematics import Triple
-from optik.scene.distance import DISTANCE_ROUNDING, NearestPoint, dot
-from optik.scene.mesh import SOLID_WIDTH
+from optik.scene.distance import DISTANCE_ROUNDING, SOLID_WIDTH, NearestPoint, dot
 from optik.types import Array
 
 MOST_CLOUD_POINTS = 1_000_000

@@ -14,8 +14,7 @@ from numpy.typing import ArrayLike
 from optik import kinematics
 from optik.arm.shapes.check import Capsules
 from optik.arm.shapes.enclosure import CORNERS, Hull
-from optik.arm.shapes.hull_distance import Hulls, nearest_hulls
-from optik.arm.shapes.hulls import enclose_disc, list_balls, list_hulls, pack_hulls
+from optik.arm.shapes.hulls import Hulls, enclose_disc, list_balls, list_hulls, nearest_hulls, pack_hulls
 from optik.arm.shapes.model import PAYLOAD
 from optik.compiled import compiled, inlined
 from optik.errors import InvalidInput
@@ -26,10 +25,10 @@ from optik.scene.distance import (
     NearestPoint,
     segment_box,
     segment_cylinder,
+    segment_mesh,
     segment_plane,
     segment_segment,
 )
-from optik.scene.mesh import segment_mesh
 from optik.types import Array, Indices
 
 if TYPE_CHECKING:
@@ -328,7 +327,9 @@ def bound_distance(middle: Triple, half: float, kind: int, i: int, scene: Object
 
 
 @compiled
-def refine(pair: tuple[int, int, int], scene: Objects, hulls: Hulls, frame: Array) -> tuple[float, Triple, Triple]:
+def refine(
+    pair: tuple[int, int, int], scene: Objects, hulls: Hulls, frame: Array, least: float, seed: Array
+) -> tuple[float, Triple, Triple]:
     """Return a lower bound on the distance of the bodies of a pair by their hulls, less radii; see `nearest_hulls`.
 
     At most 0 in contact. Only a plane is no hull: the least height of the corners over it is the distance.
@@ -337,7 +338,7 @@ def refine(pair: tuple[int, int, int], scene: Objects, hulls: Hulls, frame: Arra
     """
     k, i, kind = pair
     if kind != PLANE:
-        return nearest_hulls(k, i + (hulls[3][kind] if kind != SELF else 0), hulls, frame)
+        return nearest_hulls(k, i + (hulls[3][kind] if kind != SELF else 0), hulls, frame, least, seed)
     index, heads, corners, _kinds = hulls
     n, best, point = (scene[5][i, 3], scene[5][i, 4], scene[5][i, 5]), np.inf, (0.0, 0.0, 0.0)
     for head in range(index[k, 0], index[k + 1, 0]):
@@ -358,6 +359,7 @@ def rooms_batch(chain: Chain, bodies: Bodies, q: Array, margin: float, room: Arr
     """
     (link, a, b, radius), scene, pairs, hulls = bodies
     frame, places, spheres = np.empty((q.shape[1], 4, 4)), np.empty((link.shape[0], 2, 3)), np.empty((link.shape[0], 4))
+    seed = np.full((2, 4), -1.0)
     for k in range(q.shape[0]):
         kinematics.frames(chain, q[k], frame)
         for m in range(link.shape[0]):
@@ -375,7 +377,8 @@ def rooms_batch(chain: Chain, bodies: Bodies, q: Array, margin: float, room: Arr
                 continue
             found = find_nearest((m, i, kind), scene, places)[0] - thick
             if found <= HULLS_FROM and hulls[0].shape[0] > 0:
-                finer = refine((m, i, kind), scene, hulls, frame)[0]
+                least = max(room[k] + (margin if kind != SELF else 0.0), 0.0) + DISTANCE_ROUNDING
+                finer = refine((m, i, kind), scene, hulls, frame, least, seed)[0]
                 if finer > 0.0:
                     found = max(found, finer - (margin if kind != SELF else 0.0))
             if found < room[k]:

@@ -20,8 +20,8 @@ from optik.card import Card
 from optik.check import check_number, check_words, format_value
 from optik.errors import InvalidInput, UnknownName
 from optik.scene.cloud import check_points, pack_cloud
+from optik.scene.distance import check_mesh, find_hull, pack_solids
 from optik.scene.files import OBJECT_KINDS, SCENE_KEYS, load_scene, scene_from_dict, scene_to_dict
-from optik.scene.mesh import check_mesh, find_hull, pack_solids
 from optik.tables import warn_of_assumptions
 from optik.types import Array, Flags, content
 

@@ -4,18 +4,33 @@ from optik.arm.mjcf_writer import mujoco_model, to_mjcf
 from planners.cell.calibration import Calibration, CalibrationStatus, calibrate
 from planners.cell.cell import Cell
 from planners.cell.drives import Drive, SimulatedDrive, drives, make_drive
-from planners.cell.drives.base import Execution, ExecutionStatus, Fault, FaultKind, Moment
+from planners.cell.drives.base import (
+    Execution,
+    ExecutionStatus,
+    Fault,
+    FaultKind,
+    Moment,
+    Setpoints,
+    fit_periods,
+    make_setpoints,
+)
 from planners.cell.drives.ideal import IdealDrive
 from planners.cell.drives.mujoco import MujocoDrive
 from planners.cell.drives.ros import RosDrive
-from planners.cell.drives.setpoints import Setpoints, fit_periods, make_setpoints
-from planners.cell.error_split import ErrorSplit, PathSplit, split_configurations, split_errors
 from planners.cell.gripper import Gripper, HeldObject
 from planners.cell.laser import PanTiltLaser
-from planners.cell.outcome import CellStatus, Outcome, Round, Step
-from planners.cell.show import show_execution, show_outcome
+from planners.cell.outcome import (
+    CellStatus,
+    ErrorSplit,
+    Outcome,
+    PathSplit,
+    Round,
+    Step,
+    split_configurations,
+    split_errors,
+)
+from planners.cell.show import restore_plan, show_execution, show_outcome
 from planners.cell.sighting import Plane, Sighting, SightStatus, Spot
-from planners.cell.stored import restore_plan
 from planners.ros.rclpy import RclpyTransport
 from planners.ros.rosbridge import RosbridgeTransport
 from planners.ros.transport import Transport

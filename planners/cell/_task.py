@@ -19,12 +19,9 @@ from optik.ik import SolverLike, get_solver
 from optik.scene import Scene
 from optik.task import POSE
 from optik.types import Array
-from planners.cell._readings import find_truth, find_variance, locate_spot, read_point
-from planners.cell.drives.base import Drive, Execution, ExecutionStatus, StopRequest, Watcher
-from planners.cell.drives.setpoints import MOST_PERIODS
-from planners.cell.error_split import PathSplit, split_along
-from planners.cell.laser import PanTiltLaser
-from planners.cell.outcome import CellStatus, Outcome, Round, Step
+from planners.cell.drives.base import MOST_PERIODS, Drive, Execution, ExecutionStatus, StopRequest, Watcher
+from planners.cell.laser import PanTiltLaser, find_truth, find_variance, locate_spot, read_point
+from planners.cell.outcome import CellStatus, Outcome, PathSplit, Round, Step, split_along
 from planners.cell.sighting import Follow, Look, Plane, Sighting, Spot
 from planners.following.failure import joint_unit
 from planners.limits import MotionLimits

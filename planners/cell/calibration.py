@@ -17,7 +17,7 @@ from optik.errors import InvalidInput
 from optik.se3 import exp_so3, pose
 from optik.types import Array, Flags, Indices
 from planners.cell.laser import PanTiltLaser
-from planners.cell.sighting import Spot, check_vector, freeze
+from planners.cell.sighting import Spot, check_one_vector, copy_read_only
 
 LEVER = 30.0
 """Least distance from the pan axis of a used pan, and from the unit of a used tilt, over the noise of the point [1]: nearer,
@@ -298,7 +298,7 @@ def calibrate(pairs: Sequence[tuple[Spot | ArrayLike, ArrayLike]], laser: PanTil
         compute_residuals(readings, T),
         _distances(e, J, inliers),
         out,
-        freeze(covariance),
+        copy_read_only(covariance),
         chi_squared,
         freedom,
     )
@@ -365,10 +365,8 @@ def _judge(
         points = readings.points[inliers]
         length, width = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[:2]
         if length > SAME_LINE and width <= NARROW * length:
-            why, advice = (
-                "the points are nearly on one line",
-                "add points away from that line, spread in two directions",
-            )
+            why = "the points are nearly on one line"
+            advice = "add points away from that line, spread in two directions"
         else:
             span = 1e3 * float(np.ptp(points, axis=0).max())
             why, advice = f"the points span only {span:.3g} mm, too little for this noise", "add points farther apart"
@@ -411,8 +409,8 @@ def _check_pairs(pairs: Sequence[tuple[Spot | ArrayLike, ArrayLike]], laser: Pan
         raise InvalidInput("pairs", format_value(pairs), expected) from None
     if len(rows) < FEWEST_PAIRS:
         raise InvalidInput("pairs", f"{len(rows)} pairs", expected)
-    spots = np.array([check_vector(np.asarray(spot), f"pairs[{i}][0]") for i, (spot, _) in enumerate(rows)])
-    points = np.array([check_vector(np.asarray(point), f"pairs[{i}][1]") for i, (_, point) in enumerate(rows)])
+    spots = np.array([check_one_vector(np.asarray(spot), f"pairs[{i}][0]") for i, (spot, _) in enumerate(rows)])
+    points = np.array([check_one_vector(np.asarray(point), f"pairs[{i}][1]") for i, (_, point) in enumerate(rows)])
     if not (spots[:, 2] > 0.0).all():
         i = int(np.argmin(spots[:, 2]))
         raise InvalidInput(f"pairs[{i}][0]", f"the range {spots[i, 2]:g} m", "a range above 0")

@@ -19,12 +19,11 @@ from optik.ik import SolverLike
 from optik.scene import Scene
 from optik.scene.contact import check_scene
 from optik.types import Array
-from planners.cell._readings import MOST_READINGS, find_truth, find_variance, locate_spot, read_point
 from planners.cell._task import CellTask, Equipment, make_settings
 from planners.cell.drives import make_drive
 from planners.cell.drives.base import Drive, StopRequest, Watcher
 from planners.cell.gripper import Gripper, HeldObject, check_width
-from planners.cell.laser import PanTiltLaser
+from planners.cell.laser import MOST_READINGS, PanTiltLaser, find_truth, find_variance, locate_spot, read_point
 from planners.cell.outcome import CellStatus, Outcome, Step
 from planners.cell.sighting import Follow, Look, Plane, Sighting, Spot, check_vectors
 from planners.limits import MotionLimits

@@ -1,4 +1,4 @@
-"""PanTiltLaser: a pan-tilt laser unit; it converts readings to points in the arm's base frame and back."""
+"""PanTiltLaser: a pan-tilt laser unit, the conversion of its readings to points and back, and readings with noise."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from math import inf, pi
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optik.check import check_number, format_value
+from optik.check import check_count, check_number, format_value
 from optik.errors import InvalidInput
 from optik.se3 import check_pose, nearest_pose
 from optik.types import Array, Flags
@@ -17,14 +17,18 @@ from planners.cell.sighting import (
     Plane,
     Sighting,
     SightStatus,
+    SimulatedSpot,
     Spot,
     check_covariance,
     check_limits,
+    check_one_vector,
     check_readings,
-    check_vector,
     check_vectors,
-    freeze,
+    copy_read_only,
 )
+
+# ---------------- panTiltLaser
+
 
 ANGLE_SLACK = 1e-9
 """Tolerance on the pan and tilt limits [rad], for rounding of a spot at a limit."""
@@ -92,7 +96,7 @@ class PanTiltLaser:
     def __post_init__(self) -> None:
         expected = "a standard deviation ≥ 0"
         values = {
-            "pose": freeze(nearest_pose(check_pose(self.pose, "pose"))),
+            "pose": copy_read_only(nearest_pose(check_pose(self.pose, "pose"))),
             "pan_limits": check_limits(self.pan_limits, "pan_limits", -2 * pi, 2 * pi, "[−2π, 2π]"),
             "tilt_limits": check_limits(self.tilt_limits, "tilt_limits", -pi / 2, pi / 2, "[−π/2, π/2]"),
             "range_limits": check_limits(self.range_limits, "range_limits", 0.0, inf, "[0, ∞]"),
@@ -260,7 +264,7 @@ class PanTiltLaser:
             FOUND, OUTSIDE_ANGLES, BEHIND (outside the pan limits and behind the unit), OUT_OF_RANGE or AT_UNIT. On the
             pan axis the pan is not determined; it is the one inside the limits that is nearest to 0.
         """
-        point = check_vector(point, "point")
+        point = check_one_vector(point, "point")
         spot = Spot(*(float(x) for x in self.reading(point)))
         if spot.range <= RANGE_SLACK:
             return Sighting(SightStatus.AT_UNIT, "the point is the unit's origin", "choose a point away from the unit")
@@ -354,3 +358,85 @@ def _is_inside(value: float, limits: Limits, slack: float) -> bool:
 def _describe_outside(name: str, angle: float, limits: Limits) -> str:
     low, high = np.degrees(limits)
     return f"{name} {np.degrees(angle):.6g}° is outside [{low:.6g}, {high:.6g}]°"
+
+
+# ---------------- readings of a laser unit
+
+
+MOST_READINGS = 10_000
+"""Largest number of readings of one point; their mean has a hundredth of the noise."""
+
+
+def read_point(unit: PanTiltLaser, point: Array, readings: int, rng: np.random.Generator) -> SimulatedSpot:
+    """Return a noisy reading of a true point (3,) by a unit, or arrays of several; it carries the point."""
+    check_count(readings, "readings", 1, MOST_READINGS)
+    spot = SimulatedSpot(*unit.read(point if readings == 1 else np.tile(point, (readings, 1)), rng))
+    spot.true_point = point
+    return spot
+
+
+def find_truth(unit: PanTiltLaser, spot: Spot, plane: Plane | None) -> tuple[Array, bool]:
+    """Return the true point of a reading, and whether it is known.
+
+    If it is not known, the reading is taken as exact: the mean of its points, without the limits of the unit.
+    """
+    if isinstance(spot, SimulatedSpot) and spot.true_point is not None:
+        return spot.true_point, True
+    if plane is None:
+        return np.atleast_2d(unit.point(*spot)).mean(axis=0), False
+    seen = locate_spot(unit, spot, plane)
+    if seen.point is None:
+        wanted = "a beam of the true unit that meets the plane"
+        raise InvalidInput("spot", f"a reading off the plane: {seen.reason}", wanted)
+    return seen.point, False
+
+
+def locate_spot(unit: PanTiltLaser, spot: Spot, plane: Plane | None) -> Sighting:
+    """Return the spot as a unit locates it: the mean of its readings."""
+    rows = _rows(spot, plane)
+    sightings = []
+    for row in rows.tolist():
+        seen = _locate_reading(unit, row, plane)
+        if not seen:
+            return seen
+        sightings.append(seen)
+    if len(sightings) == 1:
+        return sightings[0]
+    mean = unit.angles(np.mean(np.stack([seen.point for seen in sightings if seen.point is not None]), axis=0))
+    # The noise of the readings averages out; the error of the calibration does not.
+    noise = _find_noise(unit, rows, plane)
+    if not mean or noise is None or sightings[0].covariance is None:
+        return mean
+    return replace(mean, covariance=sightings[0].covariance - noise * (1.0 - 1.0 / len(sightings)))
+
+
+def find_variance(unit: PanTiltLaser, spot: Spot, plane: Plane | None) -> float:
+    """Return the variance of a measured point by the noise of its readings alone, summed over the three axes."""
+    rows = _rows(spot, plane)
+    noise = _find_noise(unit, rows, plane)
+    return 0.0 if noise is None else float(np.trace(noise)) / len(rows)
+
+
+def _find_noise(unit: PanTiltLaser, rows: Array, plane: Plane | None) -> Array | None:
+    """Return the covariance (3, 3) of the first of some readings, without that of the unit's pose [m²]."""
+    return _locate_reading(unit.with_pose(unit.pose), rows[0].tolist(), plane).covariance
+
+
+def _rows(spot: Spot, plane: Plane | None) -> Array:
+    """Return the checked readings (k, 3) [rad, rad, m]; on a plane the range is not used."""
+    try:
+        rows: Array = np.atleast_2d(np.stack(np.broadcast_arrays(*(np.asarray(x, float) for x in spot)), axis=-1))
+    except (TypeError, ValueError):
+        raise InvalidInput("spot", format_value(spot), "pan, tilt [rad] and range [m]") from None
+    if rows.ndim != 2 or not len(rows):
+        raise InvalidInput("spot", f"readings of shape {rows.shape[:-1]}", "one reading, or arrays (k,) of several")
+    for name, values in zip(Spot._fields, rows.T, strict=True):
+        if not np.isfinite(values).all() and (plane is None or name != "range"):
+            raise InvalidInput("spot", f"{name} = {values[~np.isfinite(values)][0]}", "finite pan, tilt and range")
+    return rows
+
+
+def _locate_reading(unit: PanTiltLaser, row: list[float], plane: Plane | None) -> Sighting:
+    """Return the spot as a unit locates it by one reading."""
+    pan, tilt, distance = row
+    return unit.angles(unit.point(pan, tilt, distance)) if plane is None else unit.intersect_plane(pan, tilt, plane)

@@ -1,30 +1,128 @@
-"""The content of a viewer for an execution and for a task of the cell."""
+"""Executions, tasks and failed plans from files, and their content for a viewer."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from optik.errors import NoSolution
+from optik.arm.plain import read_numbers, read_record, read_word
+from optik.arm.robot import Robot
+from optik.errors import InvalidInput, NoSolution
+from optik.ik import get_solver
+from optik.scene import Scene
+from optik.scene.contact import find_contact, find_nearest_pairs
 from optik.types import Array
 from optik.view.show import Beam, Show, Track, select, thin
 from planners.cell.drives.base import Execution
-from planners.cell.facts import drive_words, execution_facts, outcome_facts, unread_facts
-from planners.cell.outcome import Outcome
-from planners.certificate.certificate import limit_bars
-from planners.following.follow import JointPath
-from planners.motion.show import (
-    MOST_INSTANTS,
-    certificate_facts,
-    plot_limits,
-    sample_path,
-    sample_track,
-    show_motion,
-)
+from planners.cell.outcome import Outcome, drive_words, execution_facts, outcome_facts, unread_facts
+from planners.certificate.certificate import check_valid, limit_bars
+from planners.certificate.certification import conditions_of, cut_between, find_section_times
+from planners.certificate.violation import Allow
+from planners.files.base import from_plain
+from planners.following.failure import joint_unit
+from planners.following.follow import DEFAULT_TOLERANCE, JointPath, follow
+from planners.motion import Motion
+from planners.motion.show import MOST_INSTANTS, certificate_facts, plot_limits, sample_path, sample_track, show_motion
+from planners.paths import path_of
+from planners.paths.program import ProgramPath
+from planners.planning.planner import PATH_FRACTION, judge_certificate
+from planners.planning.result import Plan
+from planners.program.events import TimedEvent
+from planners.program.planner import ProgramPlan, build_plan
 from planners.trajectory import Trajectory
+
+# ---------------- restore_plan
+
+
+SAME_WAY = 1e-4
+"""Largest distance of the motion from the joint path that is found for it [rad, m]: both follow the tool's path to 1e-5, and
+another joint path is farther off at once."""
+
+
+def restore_plan(motion: Motion, *, solver: str = "lm", allow: Allow = ()) -> Plan:
+    """Return a plan with a motion from a file. Its joint path is followed again, and the motion is certified again.
+
+    Parameters
+    ----------
+    motion : Motion
+        As `planners.load_motion` reads it.
+    solver : str
+        The IK method that it was planned with. It matters only for a redundant arm, where each method finds its own joint path.
+    allow : str or several
+        Violations to permit, as for `planners.save`.
+
+    Returns
+    -------
+    Plan
+        The stored motion with a new certificate.
+
+    Raises
+    ------
+    InvalidInput
+        Not a motion, or one that begins in the middle of its path.
+    InvalidMotion
+        The motion has a violation that ``allow`` does not permit.
+    NoSolution
+        The path cannot be followed from its start, or gives another joint path.
+    UnknownName
+        No such IK method.
+    """
+    if not isinstance(motion, Motion):
+        raise InvalidInput("motion", repr(motion)[:60], "a Motion")
+    if motion.span is not None and motion.span[0] > 0.0:
+        got = (
+            f"a replanned motion, which begins at s = {motion.span[0]:.6g}; execute it in the program that replanned it"
+        )
+        raise InvalidInput("motion", got, "a motion from the start of its path")
+    proof = motion.certify()
+    check_valid(proof, allow, "the certificate of this motion is not valid: ", "another law, or lower limits")
+    if isinstance(motion.path, ProgramPath):
+        return _plan_sections(motion, motion.path, solver, allow)
+    joints, t, s = _follow_path(motion, solver), proof.t, proof.s
+    off = np.abs(joints(np.clip(s, 0.0, joints.end)) - motion.trajectory(t))
+    if off.max() > SAME_WAY:
+        i, joint = (int(k) for k in np.unravel_index(off.argmax(), off.shape))
+        name, away = motion.robot.joint_names[joint], f"{off.max():.3g} {joint_unit(motion.robot, joint)}"
+        what = f"{solver} finds another joint path: {name} is {away} off the motion at t = {t[i]:.6g} s"
+        raise NoSolution(what, s=float(s[i]), advice="use the IK method of the plan, or plan again")
+    status, failure = judge_certificate(proof)
+    return Plan(
+        motion.robot, motion.path, motion.limits, status, solver, motion.law, joints, failure,
+        motion.trajectory, proof, span=motion.span, speed=motion.speed, scene=motion.scene,
+    )  # fmt: skip
+
+
+def _follow_path(motion: Motion, solver: str) -> JointPath:
+    """Return the joint path from the motion's start."""
+    tolerance = motion.tolerance or DEFAULT_TOLERANCE
+    allowed = tolerance.scale(PATH_FRACTION)
+    found = follow(get_solver(motion.robot, solver), motion.path, motion.trajectory(0.0), tolerance=allowed)
+    if (why := found.failure) is not None:
+        raise NoSolution(f"the path of this motion cannot be followed: {why.reason}", s=why.s, advice=why.advice)
+    assert found.joint_path is not None
+    return found.joint_path
+
+
+def _plan_sections(motion: Motion, path: ProgramPath, solver: str, allow: Allow) -> ProgramPlan:
+    """Return the plan of a program's motion from the plans of its sections; its events keep their times."""
+    times, sections = find_section_times(path, motion.trajectory, motion.span), []
+    for i, (begin, rest, _) in enumerate(times):
+        limits, scene = conditions_of(path, i, motion.limits, motion.scene)
+        own = replace(
+            motion, robot=path.robots[i], path=path.sections[i], limits=limits, scene=scene, events=(), span=None,
+            enforced=tuple(name for name in motion.enforced if name in limits.names),
+            trajectory=cut_between(motion.trajectory, begin, rest),
+        )  # fmt: skip
+        sections.append(restore_plan(own, solver=solver, allow=allow))
+    waits = [0.0, *(time.end - time.rest for time in times)]
+    events = tuple(TimedEvent(event.t, event.signal, event.value) for event in motion.events)
+    return replace(build_plan(sections, waits, (), (), motion.limits, motion.scene), scheduled=events)
+
+
+# ---------------- the content of a viewer for an execution and for a task of the cell
 
 
 def show_execution(execution: Execution) -> Show:
@@ -152,3 +250,134 @@ def _add_rests(tracks: list[tuple[float, Track]]) -> Iterator[Track]:
                 name: np.zeros_like(one) for name in ("dq", "ddq", "jerk") if (one := getattr(last, name)) is not None
             }
             yield last._replace(t=np.array([tracks[k + 1][0]]), **still)
+
+
+# ---------------- files of executions and of failed plans
+
+
+EXECUTION = "optik-execution/1"
+"""Value of the key ``format`` in the file of an execution; a change of the keys needs another number."""
+FAILED_PLAN = "optik-failed-plan/2"
+"""Value of the key ``format`` in the file of a failed plan; no reader of motions accepts it."""
+JOINT_PATH_SAMPLES = 400
+"""Number of configurations that are written for the part of a path before the failure."""
+SHOWN_SPEED = 0.5
+"""Largest joint speed [rad/s, m/s] at which a viewer plays a joint path without times."""
+
+
+def failed_plan_data(plan: Plan) -> dict[str, Any]:
+    """Return a failed plan as plain data: why it failed, the configurations before the failure, and the nearest pair there."""
+    assert plan.failure is not None
+    failure, t, q = plan.failure, *_sample_before_failure(plan)
+    data: dict[str, Any] = {
+        "format": FAILED_PLAN, "failed": True, "status": str(plan.status), "s": failure.s, "joint": failure.joint,
+        "reason": failure.reason, "advice": failure.advice, "solver": plan.solver, "law": plan.law,
+        "robot": plan.robot.to_dict(), "path": plan.path.to_dict(), "t": t.tolist(), "q": q.tolist(),
+    }  # fmt: skip
+    if plan.scene is not None:
+        data["scene"] = plan.scene.to_dict()
+        if len(q):
+            near = find_contact(plan.robot, plan.scene, _find_nearest(plan.robot, plan.scene, q))
+            data["nearest"] = {"pair": list(near.pair), "distance": near.distance}
+    return data
+
+
+def _sample_before_failure(plan: Plan) -> tuple[Array, Array]:
+    """Return times (k,) [s] and configurations (k, n) [rad, m] of the invalid motion, or of the path before the failure."""
+    try:
+        track = sample_track(plan.trajectory)
+        return track.t, track.q
+    except NoSolution:
+        pass
+    assert plan.failure is not None
+    parts = getattr(plan, "parts", ())[: plan.failure.part]  # of a program
+    pieces = [(part.joint_path, part.joint_path.end) for part in parts]
+    if plan.prefix is not None:
+        pieces.append((plan.prefix, min(plan.prefix.end, plan.failure.s)))
+    if not pieces and not plan.path.in_joints:
+        return np.zeros(0), np.zeros((0, plan.robot.n))
+    q = np.concatenate([piece(np.linspace(0.0, end, JOINT_PATH_SAMPLES if end > 0.0 else 1)) for piece, end in pieces]
+                       or [plan.path.configurations(plan.robot, np.zeros(1))])  # fmt: skip
+    steps = np.maximum(np.abs(np.diff(q, axis=0)).max(axis=1), 1e-6)
+    return np.concatenate([[0.0], np.cumsum(steps) / SHOWN_SPEED]), q
+
+
+def _find_nearest(robot: Robot, scene: Scene, q: Array) -> Array:
+    """Return the configuration, out of (k, n), with the least distance between two shapes."""
+    return np.asarray(q[int(np.argmin(find_nearest_pairs(robot, scene, q)[0]))])
+
+
+def show_recorded(data: Mapping[str, Any]) -> Show:
+    """Return the content of a viewer for a file of an execution or of a failed plan."""
+    return _show_execution(data) if data.get("format") == EXECUTION else _show_failed_plan(data)
+
+
+def _show_execution(data: Mapping[str, Any]) -> Show:
+    if "plan" not in data or "setpoints" not in data:
+        expected = "one of a motion that was sent, written by `optik drive --out`"
+        raise InvalidInput("PLAN", "an execution without a motion", expected)
+    motion = from_plain(data["plan"])
+    n, sent = motion.robot.n, read_record(data["setpoints"], ("t", "q"), "setpoints", optional=("dq", "ddq"))
+    t, q = _check_table(sent["t"], sent["q"], n, "setpoints")
+    rates = [_check_table(t, sent[name], n, f"setpoints.{name}")[1] for name in ("dq", "ddq") if name in sent]
+    planned = Track(t, q, *rates) if rates and np.isfinite([q, *rates]).all() else _make_track(t, q)
+    done, did = _check_table(data.get("t"), data.get("q"), n, "q")
+    speed = _check_table(data.get("t"), data.get("dq"), n, "dq")[1]
+    torque = None if data.get("torque") is None else _check_table(done, data["torque"], n, "torque")[1]
+    executed, unread = thin_execution(done, did, speed, torque)
+    drive = read_word(data.get("drive", ""), "drive")
+    status = read_word(data.get("status", ""), "status").replace("_", " ")
+    rows = [("Drive", drive_words(drive)), ("Execution", status)]
+    rows += [(name.capitalize(), read_word(data[name], name)) for name in ("reason", "advice") if data.get(name)]
+    show, title = show_motion(motion), f"{motion.robot.name}: {motion.law} on the drive {drive_words(drive)}"
+    facts = (*show.facts, *rows, *unread_facts(unread))
+    return replace(show, title=title, planned=planned, executed=executed, facts=facts)
+
+
+def _show_failed_plan(data: Mapping[str, Any]) -> Show:
+    missing = [key for key in ("robot", "path", "status", "reason", "advice", "t", "q") if key not in data]
+    if missing:
+        raise InvalidInput("PLAN", f"no {missing[0]}", "a failed plan, written by `optik plan … --out-failed`")
+    robot = Robot.from_dict(data["robot"])
+    path = path_of(data["path"], robot)
+    status, reason, advice = (read_word(data[key], key) for key in ("status", "reason", "advice"))
+    if not data["t"]:
+        raise NoSolution(f"a plan that failed without a configuration: {reason}", advice=advice)
+    t, q = _check_table(data["t"], data["q"], robot.n, "q")
+    rows = [("Plan", f"FAILED: {status.replace('_', ' ')}"), ("Reason", reason), ("Advice", advice)]
+    if isinstance(data.get("s"), float | int):
+        rows.append(("Failed at", f"s = {data['s']:.4g} of {path.end:.4g} {path.unit}"))
+    if isinstance(data.get("nearest"), Mapping):
+        near = read_record(data["nearest"], ("pair", "distance"), "nearest")
+        pair, distance = " and ".join(map(str, near["pair"])), float(read_numbers(near["distance"], (), "distance"))
+        rows.append(("Contact pair" if distance <= 0.0 else "Nearest pair", f"{pair}, {1e3 * distance:.3g} mm"))
+    scene = None if data.get("scene") is None else Scene.from_dict(data["scene"])
+    return Show(
+        robot,
+        f"{robot.name}: plan FAILED, {status.replace('_', ' ')}",
+        _make_track(t, q),
+        sample_path(path),
+        None,
+        scene,
+        facts=tuple(rows),
+    )
+
+
+def _check_table(t: Any, q: Any, n: int, name: str) -> tuple[Array, Array]:
+    """Return increasing times (k,) and rows (k, n); None stands for a missing value."""
+    try:
+        times, rows = np.array(t, dtype=np.float64), np.array(q, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InvalidInput(name, "something else", "lists of numbers") from None
+    if times.ndim != 1 or rows.shape != (times.size, n) or not times.size or not (np.diff(times) > 0.0).all():
+        raise InvalidInput(
+            name, f"shape {rows.shape} at {times.size} times", f"{n} numbers at each of some increasing times"
+        )
+    return times, rows
+
+
+def _make_track(t: Array, q: Array) -> Track:
+    """Return a track of configurations, with velocities from finite differences."""
+    if not np.isfinite(q).all():
+        raise InvalidInput("q", "numbers that are not finite", "finite set-points")
+    return Track(t, q, np.gradient(q, t, axis=0) if len(t) > 1 else np.zeros_like(q))

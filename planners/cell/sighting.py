@@ -22,7 +22,7 @@ Limits = tuple[float, float]
 """A lower and an upper limit."""
 
 
-def freeze(array: ArrayLike) -> Array:
+def copy_read_only(array: ArrayLike) -> Array:
     """Return a read-only copy, for the fields of immutable objects."""
     copy = np.array(array, dtype=np.float64)
     copy.setflags(write=False)
@@ -39,7 +39,7 @@ def check_vectors(value: ArrayLike, argument: str) -> Array:
     return array
 
 
-def check_vector(value: ArrayLike, argument: str) -> Array:
+def check_one_vector(value: ArrayLike, argument: str) -> Array:
     """Return one point or direction as an array, checked."""
     array = check_vectors(value, argument)
     if array.shape != (3,):
@@ -84,7 +84,7 @@ def check_covariance(value: ArrayLike) -> Array:
     least = float(np.linalg.eigvalsh(matrix)[0])
     if least < -COVARIANCE_ROUNDING * size:
         raise InvalidInput("pose_covariance", f"the eigenvalue {least:.3g}", expected)
-    return freeze((matrix + matrix.T) / 2.0)
+    return copy_read_only((matrix + matrix.T) / 2.0)
 
 
 SHORTEST_NORMAL = 1e-9
@@ -186,14 +186,14 @@ class Plane:
     normal: Array
 
     def __post_init__(self) -> None:
-        normal = check_vector(self.normal, "normal")
+        normal = check_one_vector(self.normal, "normal")
         length = float(np.linalg.norm(normal))
         if length < SHORTEST_NORMAL:
             raise InvalidInput(
                 "normal", f"a vector of length {length:.3g}", f"a vector longer than {SHORTEST_NORMAL:g}"
             )
-        object.__setattr__(self, "point", freeze(check_vector(self.point, "point")))
-        object.__setattr__(self, "normal", freeze(normal / length))
+        object.__setattr__(self, "point", copy_read_only(check_one_vector(self.point, "point")))
+        object.__setattr__(self, "normal", copy_read_only(normal / length))
 
     def transform(self, T: ArrayLike) -> Plane:
         """Return the plane moved by a pose: from the coordinates of one frame to those of another.

@@ -16,14 +16,14 @@ from optik.check import format_count, format_ratio, real_array
 from optik.errors import InvalidInput, InvalidMotion
 from optik.ik.base import Tolerance
 from optik.types import Array
-from planners.certificate.analysis import MotionAnalysis
-from planners.certificate.checks import (
+from planners.certificate.analysis import (
     Coverage,
     Jump,
+    MotionAnalysis,
     find_continuity_violations,
     find_position_violations,
+    find_smallest_singular_value,
     sampled_jerk,
-    smallest_singular_value,
 )
 from planners.certificate.clearance import Clearance
 from planners.certificate.effort import Energy, FrictionStep
@@ -134,7 +134,7 @@ class Certificate:
     def _repr_html_(self) -> str:
         """Return the verdict and the peaks for a notebook."""
         title, verdict = f"Certificate of {self.duration:.4g} s", summary_lines(self)[0]
-        good, bars, facts = self.is_valid, limit_bars(self), tool_facts(self)
+        good, bars, facts = self.is_valid, limit_bars(self), proof_facts(self)
         return Card(title=title, verdict=verdict, good=good, bars=bars, facts=facts).to_html()
 
     @cached_property
@@ -149,7 +149,7 @@ class Certificate:
 
     @cached_property
     def _singular(self) -> tuple[float, float]:
-        return smallest_singular_value(self.motion.robot, self.motion.trajectory)
+        return find_smallest_singular_value(self.motion.robot, self.motion.trajectory)
 
     @property
     def singular_value(self) -> float:
@@ -301,7 +301,7 @@ def summary_lines(proof: Certificate, least: float | None = None) -> list[str]:
     else:
         others = len(proof.reasons) - 1
         more = f" (and {format_count(others, 'more violation')})" if others else ""
-        status = f"certificate NOT valid: {shorten(proof.reasons[0])}{more}"
+        status = f"certificate NOT valid: {shorten_text(proof.reasons[0])}{more}"
     joints = f" (slowest joint alone: {least:.3g} s)" if least else ""
     return [status, f"duration {proof.duration:.3g} s{joints}", *_limit_lines(proof), *_tool_lines(proof)]
 
@@ -334,7 +334,7 @@ def _limit_lines(proof: Certificate) -> list[str]:
     return lines if more == 0 else [*lines[:-1], f"{lines[-1]}; {more} more limits with smaller ratios"]
 
 
-def tool_facts(proof: Certificate) -> list[tuple[str, str]]:
+def proof_facts(proof: Certificate) -> list[tuple[str, str]]:
     """Return path error, tool speed, smallest singular value and clearance as rows of a table."""
     off, facts = proof.path_error, []
     if np.isfinite(off.distance):
@@ -350,12 +350,12 @@ def tool_facts(proof: Certificate) -> list[tuple[str, str]]:
 
 def _tool_lines(proof: Certificate) -> list[str]:
     """Return the lines on path error, tool speed and clearance."""
-    facts = [f"{name} {words}" for name, words in tool_facts(proof)]
+    facts = [f"{name} {words}" for name, words in proof_facts(proof)]
     clear = [fact for fact in facts if fact.startswith("clearance")]
     return [", ".join(fact for fact in facts if fact not in clear), *clear]
 
 
-def shorten(words: str, most: int = 300) -> str:
+def shorten_text(words: str, most: int = 300) -> str:
     """Return text on one line, cut to at most a number of characters."""
     line = " ".join(words.split())
     return line if len(line) <= most else f"{line[: most - 1]}…"
@@ -426,7 +426,7 @@ def plan_summary(
     path: Path,
     failure: tuple[float, str | None, str, str] | None,
     proof: Certificate | None,
-    slowed: float,
+    stretch_factor: float,
     least: float | None = None,
 ) -> str:
     """Return a summary of a plan: its failure (path parameter, joint, reason, advice), and the certificate of its motion.
@@ -440,10 +440,10 @@ def plan_summary(
         joint = f", {name}" if name else ""
         if s or name:
             lines.append(f"stopped at s = {s:.3g} {path.unit}{share}{joint}")
-        lines.append(f"reason: {shorten(reason)}")
-        lines.append(f"try: {shorten(advice)}")
+        lines.append(f"reason: {shorten_text(reason)}")
+        lines.append(f"try: {shorten_text(advice)}")
     if proof is not None:
         lines += summary_lines(proof, least)[failure is not None :]
-        if slowed > 1.0:
-            lines.append(f"duration stretched by {100.0 * (slowed - 1.0):.3g} % to meet the limits")
+        if stretch_factor > 1.0:
+            lines.append(f"duration stretched by {100.0 * (stretch_factor - 1.0):.3g} % to meet the limits")
     return "\n".join(lines)

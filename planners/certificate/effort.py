@@ -13,7 +13,15 @@ import numpy as np
 from optik.arm.robot import Robot
 from optik.compiled import compiled
 from optik.types import Array
-from planners.certificate.torque import MOTION, Model, TorqueBounds, TorqueEnds, at_middle, rest_velocity, torques_at
+from planners.certificate.torque import (
+    MOTION,
+    Model,
+    TorqueBounds,
+    TorqueEnds,
+    at_middle,
+    evaluate_torques,
+    rest_velocity,
+)
 from planners.trajectory import Trajectory
 
 
@@ -117,7 +125,7 @@ class _Parts(NamedTuple):
     friction: Array
 
 
-def stretch_factor(torques: TorqueBounds, bound: Array, *, rate: bool) -> float:
+def find_torque_stretch(torques: TorqueBounds, bound: Array, *, rate: bool) -> float:
     """Return the least factor by which a motion is stretched in time to respect the limits at the ends of its pieces.
 
     The excess of each joint's proved bound over its largest value there is added, with the highest power of the speed. So the
@@ -140,7 +148,7 @@ def _parts(model: Model, ends: TorqueEnds, rate: bool) -> _Parts:
     joints, values = np.concatenate([ends.first, ends.last]), np.concatenate([ends.left, ends.right])
     load = model[1]
     kinetic = np.empty_like(values)
-    torques_at((*model[:3], MOTION, model[4]), joints, kinetic)
+    evaluate_torques((*model[:3], MOTION, model[4]), joints, kinetic)
     powers = np.zeros((len(joints), 4, joints.shape[2]))
     viscous = load.viscous * joints[:, 2 if rate else 1]
     first = 1 if rate else 0

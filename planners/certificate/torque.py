@@ -222,8 +222,8 @@ class TorqueBounds:
         self.ends: list[TorqueEnds] = []
         for model in self.models:
             left, right = (np.empty((len(first), 2, robot.n)) for _ in range(2))
-            torques_at(model, first, left)
-            torques_at(model, last, right)
+            evaluate_torques(model, first, left)
+            evaluate_torques(model, last, right)
             fourths = np.empty(first[:, 0].shape)
             bound_fourths(model, np.diff(knots), first, fourths)
             self.ends.append(TorqueEnds(knots[:-1], knots[1:], first, last, left, right, fourths))
@@ -282,7 +282,7 @@ def rest_velocity(ends: TorqueEnds) -> float:
     return STANDSTILL * max(float(np.abs(ends.first[:, 1]).max()), float(np.abs(ends.last[:, 1]).max()))
 
 
-def torques_at(model: Model, joints: Array, out: Array) -> None:
+def evaluate_torques(model: Model, joints: Array, out: Array) -> None:
     """Compute torques and their rates, without Coulomb friction."""
     chain, load, _, part, _ = model
     states = np.ascontiguousarray(joints[:, :4])
@@ -305,7 +305,7 @@ def at_middle(model: Model, ends: TorqueEnds) -> tuple[Array, Array]:
     """Return the joints' derivatives and the torques in the middle of every piece."""
     joints, values = np.empty_like(ends.first), np.empty_like(ends.left)
     _advance(ends.first, 0.5 * (ends.t1 - ends.t0), joints)
-    torques_at(model, joints, values)
+    evaluate_torques(model, joints, values)
     return joints, values
 
 
@@ -351,7 +351,7 @@ def _divide(
         most -= t.size
         later, middle = np.empty_like(joints), np.empty_like(left)
         _advance(joints, h, later)
-        torques_at(model, later, middle)
+        evaluate_torques(model, later, middle)
         _update_largest(t + h, later, middle, what, found, when)
         t, h, joints = np.concatenate([t, t + h]), np.concatenate([h, h]), np.concatenate([joints, later])
         left, right = np.concatenate([left, middle]), np.concatenate([middle, right])

@@ -14,8 +14,8 @@ from optik.errors import InvalidInput
 from optik.types import Array, Flags
 from planners.certificate.certificate import Certificate
 from planners.choice.programme import FreeProgramme, Statics, ToolCoordinates, is_known
-from planners.choice.solve import LEAST_P_DAMPING, FreeSolution, solve
-from planners.choice.vias import ViaLimits, pass_through
+from planners.choice.rows import ViaLimits, pass_through
+from planners.choice.solve import LEAST_P_DAMPING, FreeSolution, solve_coefficients
 from planners.following.joint_path import JointPath
 from planners.following.resolve.freedoms import FreeWay
 from planners.paths.base import Path
@@ -189,7 +189,7 @@ class Choice:
     def solve(self) -> Iterator[FreeSolution]:
         """Yield the optima from the initial guesses."""
         for p, near in self.guesses():
-            found = solve(self.programme, p, self.bounds, near, damping=self.damping)
+            found = solve_coefficients(self.programme, p, self.bounds, near, damping=self.damping)
             if found is not None:
                 yield found
 
@@ -259,7 +259,7 @@ def _null_rows(robot: Robot, joint_path: JointPath) -> Array:
     return np.ascontiguousarray(np.linalg.eigh(mean)[1][:, : 5 - robot.n : -1].T)
 
 
-def choice_for(
+def make_choice(
     path: FreePath | PointToPoint, joint_path: JointPath, optimum: Optimum, *, held: bool, ways: Sequence[FreeWay] = ()
 ) -> Choice:
     """Return the choice of a path's coefficients, after checking that the arm has its freedoms."""
@@ -330,7 +330,7 @@ def pick_plan(plans: Sequence[P]) -> P:
     return plans[int(np.argmin(travels))]
 
 
-def choose(
+def choose_coefficients(
     path: FreePath | PointToPoint, joint_path: JointPath, optimum: Optimum | None, fixed: P, *, held: bool,
     plan_along: Callable[[FreePath | PointToPoint, Array], P | None], ways: Sequence[FreeWay] = (),
 ) -> tuple[list[P], ChoiceReport]:  # fmt: skip
@@ -341,17 +341,15 @@ def choose(
     """
     if optimum is None:
         return [], FIXED
-    duration, choice = fixed.trajectory.duration, choice_for(path, joint_path, optimum, held=held, ways=ways)
+    duration, choice = fixed.trajectory.duration, make_choice(path, joint_path, optimum, held=held, ways=ways)
     gradient = float(np.abs(choice.gradient()).sum())
     if gradient <= WORTHLESS * duration and not ways:
         return [], ChoiceReport("the initial path: the freedoms cannot shorten the motion", gradient)
     found, most = list(choice.solve()), (1.0 - LEAST_GAIN) * duration
     fast = sorted((one for one in found if one.duration < most), key=lambda one: one.duration)
     near = [one for one in fast if one.duration <= NEARLY * fast[0].duration]
-    outcome, tried = (
-        f"the initial path: {'no other is shorter in time' if found else 'the iteration found no other'}",
-        dict[tuple[float, float], P | None](),
-    )
+    outcome = f"the initial path: {'no other is shorter in time' if found else 'the iteration found no other'}"
+    tried = dict[tuple[float, float], P | None]()
     for order in (fast, sorted(near, key=lambda one: measure_travel(one.path[0]))):
         for solution in order:
             like = round(solution.duration, 5), round(measure_travel(solution.path[0]), 2)

@@ -21,7 +21,7 @@ TRACED = 1e-10
 
 
 @compiled
-def trace(chain: Chain, poses: Array, twists: Array, rows: Array, values: Array, q: Array) -> bool:
+def trace_path(chain: Chain, poses: Array, twists: Array, rows: Array, values: Array, q: Array) -> bool:
     """Move configurations and their derivatives q (k, 4, n), in place, onto a path; return whether all of them meet it.
 
     Shapes and units: poses (k, 4, 4), twists (k, 3, 6), rows (k, 4, r, n), values (k, 4, r) of the null-space coordinates.

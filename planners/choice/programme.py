@@ -10,7 +10,7 @@ import numpy as np
 from optik.arm.robot import Robot
 from optik.dynamics import Bodies
 from optik.types import Array, Flags, Indices
-from planners.choice.columns import Local, Scales, Window, fill, fill_further, joint_changes, tool_changes, trace
+from planners.choice.columns import Local, Scales, Window, fill, fill_further, joint_changes, tool_changes, trace_path
 from planners.choice.torques import torque_changes
 from planners.limits import ALL_LIMITS, PathPoints, kind_of
 from planners.limits.base import middle_and_half, sides
@@ -19,8 +19,7 @@ from planners.limits.motion_limits import tool_limits_at
 from planners.paths.base import Path
 from planners.paths.control_curve import DEGREE, Basis
 from planners.paths.screws import move_along
-from planners.timing.interior_point.border import Border, make_border
-from planners.timing.interior_point.newton import Problem
+from planners.timing.interior_point.newton import Border, Problem, make_border
 from planners.timing.interior_point.programme import SHORTEST_INTERVAL, TimingProblem
 
 SPEED_PEAK = 1.0 / 3.0
@@ -159,7 +158,7 @@ class FreeProgramme:
             rows = np.zeros((K + 1, 4, *self.tool.rows.shape))
             rows[:, 0] = self.tool.rows
             q = np.ascontiguousarray(np.swapaxes(near, 0, 1))
-            if not trace(self.robot.chain, poses, twists, rows, np.ascontiguousarray(f[:, :, d:]), q):
+            if not trace_path(self.robot.chain, poses, twists, rows, np.ascontiguousarray(f[:, :, d:]), q):
                 return None
             path = np.ascontiguousarray(np.swapaxes(q, 0, 1))
         points = PathPoints(self.line, self.s, (path[0], path[1], path[2], path[3]))

@@ -136,7 +136,7 @@ def _slow_down(programme: FreeProgramme, problem: Problem, z: Array) -> Array:
     return np.asarray(z / np.array([factor, factor**2, 1.0 / factor, factor**3]))
 
 
-def solve(
+def solve_coefficients(
     programme: FreeProgramme, p: Array, bounds: ControlBounds, near: Array, *, least: float = LAST_WEIGHT,
     damping: float = LEAST_P_DAMPING, enough: float = 0.0,
 ) -> FreeSolution | None:  # fmt: skip

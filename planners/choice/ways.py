@@ -1,4 +1,4 @@
-"""The fastest plan over the freedoms of a path, and the fastest around obstacles from several initial paths."""
+"""The fastest plan over the freedoms of a path, and the fastest around obstacles, in rounds from several initial paths."""
 
 from __future__ import annotations
 
@@ -10,20 +10,253 @@ from typing import Any, ClassVar, Protocol, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
+from optik.arm.robot import Robot
 from optik.registry import label, short_name
 from optik.scene import Scene
-from optik.types import Array
-from planners.choice.avoid import choose_around, find_guess
-from planners.choice.choose import CHOSEN, ChoiceReport, FreedomResult, Timed, choice_for, choose, pick_plan, report
-from planners.choice.first_paths import MOST_WAYS, SearchReport, find_first_paths
-from planners.choice.orientations import find_easy
+from optik.scene.contact import bodies_of, find_pairs
+from optik.types import Array, Indices
+from planners.choice.choose import (
+    CHOSEN,
+    Choice,
+    ChoiceReport,
+    FreedomResult,
+    P,
+    Timed,
+    choose_coefficients,
+    make_choice,
+    pick_plan,
+    report,
+)
+from planners.choice.columns import joint_changes
+from planners.choice.first_paths import MOST_WAYS, SearchReport, find_easy, find_first_paths
+from planners.choice.programme import FreeProgramme
+from planners.choice.rows import ClearanceLimits, NearPairs, pair_rooms
+from planners.choice.solve import solve_coefficients
 from planners.following.follow import FollowResult, PlanFailure
 from planners.following.resolve.freedoms import FreeWay
 from planners.paths.base import Path
+from planners.paths.control_curve import DEGREE
 from planners.paths.free_path import FreePath
 from planners.paths.point_to_point import PointToPoint
 from planners.search.base import Search, SearchLike
 from planners.timing.optimal import Optimum
+
+# ---------------- rounds of the choice around obstacles
+
+
+NEAR_ROOM, NEAREST_PAIRS = 0.12, 4
+"""Clearance [m] below which the first round limits pairs on the initial path, and how many at each grid point."""
+REQUIRED_ROOM, FURTHER_ROOM = 2e-3, 3e-3
+"""Least clearance [m] at grid points, and what is added to it where the motion came too near beside one."""
+SPARE_SLOTS = 4
+"""Pairs at each grid point that may be limited besides, when they come near."""
+OF_INITIAL, MORE_OF_INITIAL = 0.5, 0.9
+"""Largest fractions of the initial path's clearance that a limit requires, so that the initial path meets it: `OF_INITIAL` at
+first, `MORE_OF_INITIAL` if the motion comes too near in spite of it. After that there is no such bound."""
+EXAMINED_BETWEEN = 4
+"""Configurations in each interval that are examined before a motion is certified."""
+TOUCHING_ROOM = 2e-5
+"""Clearance [m] below which a pair is limited in the next round."""
+PUSHES, PUSH_ROOM, PUSH_DAMPING, LONGEST_PUSH = 60, 5e-3, 1e-3, 0.1
+"""An initial path is moved out of contact in at most `PUSHES` steps, until the clearance is `PUSH_ROOM` [m]. `PUSH_DAMPING` is
+a fraction of the largest curvature, `LONGEST_PUSH` the longest step of a coefficient [rad, m]."""
+ENOUGH_GUESSES = 3
+"""Initial guesses after which none is tried once a motion is found."""
+UNKNOWN = (np.inf, np.nan, OF_INITIAL)
+"""The initial clearance [m] of a pair that was not near, the required one, and the fraction of the initial clearance."""
+MOST_CUTS = 6
+"""Most rounds from one initial path."""
+
+
+def push_out(
+    choice: Choice, scene: Scene, p: Array, near: Array, pairs: NearPairs | None = None
+) -> tuple[Array, Array] | None:
+    """Return coefficients near p whose path is free of contact at the grid points, and their joints; None if none are found.
+
+    Least squares of the missing clearances, by the method of Levenberg and Marquardt. No timing is involved.
+    """
+    robot, programme, bodies = choice.robot, choice.programme, bodies_of(choice.robot, scene)
+    basis, free, K, D = choice.parts[0], programme.window.free, programme.K, programme.D
+    pairs = pairs or NearPairs(robot, scene, K + 1)
+    for _ in range(PUSHES):
+        place = programme.place(p, near)
+        if place is None:
+            return None
+        near = place.path
+        k, pair, rooms = pairs.find(near[0], PUSH_ROOM)
+        if (rooms > 0.0).all() and robot.limits.contains(near[0]).all():
+            return p, near
+        slot = np.arange(k.size) - np.searchsorted(k, k)
+        slots = np.full((K + 1, int(slot.max(initial=-1)) + 1), -1)
+        slots[k, slot] = pair
+        room, slope = np.empty(slots.shape), np.empty((*slots.shape, robot.n))
+        pair_rooms(robot.chain, bodies, near[0], scene.margin, slots, room, slope)
+        missing, rows = PUSH_ROOM - rooms, slope[k, slot]
+        over = np.maximum(near[0] - robot.limits.upper, 0.0) - np.maximum(robot.limits.lower - near[0], 0.0)
+        outside = np.nonzero(over)
+        missing = np.concatenate([missing, -over[outside]])
+        rows, k = np.concatenate([rows, np.eye(robot.n)[outside[1]]]), np.concatenate([k, outside[0]])
+        if programme.tool is not None:
+            joints = np.empty((K + 1, 4, D, robot.n))
+            joint_changes(robot.chain, programme.tool.rows, place.fields, near, joints)
+            rows = np.einsum("rj,rdj->rd", rows, joints[k, 0])
+        window = (basis.first[k, None] + np.arange(DEGREE + 1))[:, :, None] * D + np.arange(D)
+        spread = basis.values[k, 0][:, :, None] * rows[:, None]
+        J = np.zeros((len(k), free.size))
+        np.put_along_axis(J, window.reshape(len(k), -1), spread.reshape(len(k), -1), axis=1)
+        J *= free
+        H = J.T @ J
+        step = np.linalg.solve(H + PUSH_DAMPING * max(float(H.max()), 1e-12) * np.eye(free.size), J.T @ missing)
+        step *= min(1.0, LONGEST_PUSH / max(float(np.abs(step).max()), 1e-12))
+        p = choice.bounds.clip(p + step.reshape(p.shape))
+    return None
+
+
+class Cuts:
+    """Requirements of clearance of pairs at grid points: table (K + 1, C) [m], NaN where there is none.
+
+    Its columns are the pairs (C,) that were near; `initial` (K + 1, C) are their clearances on the initial path, infinite
+    beyond `NEAR_ROOM`.
+    """
+
+    def __init__(self, robot: Robot, scene: Scene, q: Array, pairs: NearPairs | None = None) -> None:
+        self._near = pairs or NearPairs(robot, scene, len(q))
+        self._robot, self._scene, self._count = robot, scene, len(find_pairs(robot, scene).bodies)
+        k, pair, room = self._near.find(q, NEAR_ROOM)
+        self.pairs, column = np.unique(pair, return_inverse=True)
+        self.initial, self.table, self.share = (np.full((len(q), self.pairs.size), x) for x in UNKNOWN)
+        self.initial[k, column] = room
+        nearest = np.argsort(self.initial, axis=1)[:, :NEAREST_PAIRS]
+        near = np.isfinite(np.take_along_axis(self.initial, nearest, axis=1))
+        np.put_along_axis(self.table, nearest, np.where(near, REQUIRED_ROOM, np.nan), axis=1)
+
+    def limits(self, choice: Choice) -> ClearanceLimits:
+        """Return the limits of all grid points but the ends that are given."""
+        chosen = np.isfinite(self.table)
+        required = np.where(chosen, self.table, REQUIRED_ROOM)
+        required = np.where(self.initial > 0.0, np.minimum(required, self.share * self.initial), required)
+        required = np.column_stack([required, np.full(len(required), REQUIRED_ROOM)])  # of all other pairs
+        free, D = choice.parts[1], choice.p.shape[1]
+        for end, coefficients in ((0, free[:D]), (-1, free[-D:])):
+            if not coefficients.any():
+                chosen[end], required[end] = False, -np.inf
+        slots = np.full((len(chosen), int(chosen.sum(axis=1).max()) + SPARE_SLOTS), -1)
+        k, at = np.nonzero(chosen)
+        slots[k, np.arange(k.size) - np.searchsorted(k, k)] = self.pairs[at]
+        column = np.full(self._count + 1, self.pairs.size)  # the last one is that of no pair
+        column[self.pairs] = np.arange(self.pairs.size)
+        return ClearanceLimits(self._robot, self._scene, *choice.parts[:2], slots, required, column, self._near)
+
+    def add_touched(self, q: Array) -> bool:
+        """Add the pairs in contact at configurations, several in each interval; return whether there are any."""
+        at, pairs, _rooms = NearPairs(self._robot, self._scene, len(q)).find(q, TOUCHING_ROOM)
+        inside = (at > 0) & (at < len(q) - 1)
+        ends = np.concatenate([at[inside] // EXAMINED_BETWEEN, -(-at[inside] // EXAMINED_BETWEEN)])
+        self._add(ends, np.tile(pairs[inside], 2))
+        return bool(inside.any())
+
+    def add_failed(self, q: Array, s: float, grid: Array) -> None:
+        """Add the pair with the least clearance at a configuration, near its path parameter s."""
+        _k, pairs, rooms = NearPairs(self._robot, self._scene, 1).find(q[None], np.inf)
+        pair, k = int(pairs[rooms.argmin()]), int(np.searchsorted(grid, s))
+        around = np.unique(np.clip(np.arange(k - 2, k + 2), 0, len(grid) - 1))
+        self._add(around, np.full(around.size, pair))
+
+    def _add(self, k: Indices, pairs: Indices) -> None:
+        """Require clearance of pairs at grid points, and more where some was required."""
+        k, pairs = np.unique(np.stack([k, pairs]), axis=1)
+        before, self.pairs = self.pairs, np.union1d(self.pairs, pairs)
+        place, at = np.searchsorted(self.pairs, before), np.searchsorted(self.pairs, pairs)
+        old = self.initial, self.table, self.share
+        new = (np.full((len(x), self.pairs.size), y) for x, y in zip(old, UNKNOWN, strict=True))
+        self.initial, self.table, self.share = new
+        self.initial[:, place], self.table[:, place], self.share[:, place] = old
+        required, share = self.table[k, at], self.share[k, at]
+        again = np.where(share < MORE_OF_INITIAL, MORE_OF_INITIAL, np.inf)
+        self.share[k, at] = np.where(np.isnan(required), OF_INITIAL, again)
+        self.table[k, at] = np.where(np.isnan(required), REQUIRED_ROOM, required + FURTHER_ROOM)
+
+
+def _between(path: Array, s: Array) -> Array:
+    """Return configurations, `EXAMINED_BETWEEN` in each interval, by cubic interpolation of those at the grid points s."""
+    h, (q, q1) = np.diff(s)[:, None, None], path[:2]
+    u = (np.arange(EXAMINED_BETWEEN) / EXAMINED_BETWEEN)[:, None]
+    a, b = q[:-1, None], q[1:, None]
+    v, w = h * q1[:-1, None], h * q1[1:, None]
+    inner = a + u * (v + u * (3.0 * (b - a) - 2.0 * v - w + u * (2.0 * (a - b) + v + w)))
+    return np.concatenate([inner.reshape(-1, q.shape[1]), q[-1:]])
+
+
+def find_guess(found: Timed | None, near: float, s: Array) -> tuple[Array, Array] | None:
+    """Return the coefficients of a coarse plan and its joints at grid points s, if there is one that takes at most `near` [s].
+
+    A slower plan may be on a detour, which the iteration cannot leave.
+    """
+    if found is None or not isinstance(found.path, PointToPoint) or found.trajectory.duration > near:
+        return None
+    return found.path.coefficients, np.stack([found.joint_path(s, order) for order in range(4)])
+
+
+def choose_in_scene(
+    choice: Choice, scene: Scene, fixed: P, plan_along: Callable[[FreePath | PointToPoint, Array], P],
+    guess: tuple[Array, Array] | None = None, enough: float = 0.0,
+) -> tuple[P, FreedomResult, int]:  # fmt: skip
+    """Return the fastest plan that is valid in a scene, or the one along the initial path; what was done; and the rounds.
+
+    Every round starts from the initial path, because the iteration cannot leave an obstacle, or from a better guess if one is
+    given. An iteration ends at a duration of `enough` [s]. If no valid plan is found and the number of coefficients was not
+    given, more coefficients are tried.
+    """
+    best, tried, rounds, steps = fixed, 0, 0, 0
+    pairs = NearPairs(choice.robot, scene, choice.programme.K + 1)
+    for finer in itertools.chain([choice], choice.refine()):
+        before = tried
+        for p, near in [guess] if guess else finer.guesses():
+            if best and tried - before >= ENOUGH_GUESSES:
+                break
+            tried, pushed = tried + 1, push_out(finer, scene, p, near, pairs)
+            if pushed is None:
+                continue
+            found, spent = _clear(finer, scene, pushed, plan_along, enough, pairs)
+            rounds, steps = rounds + spent[0], steps + spent[1]
+            if not (best or found):
+                found = plan_along(finer.path_of(pushed[0]), pushed[1][0, 0])
+            if found and (not best or found.trajectory.duration < best.trajectory.duration):
+                best = found
+        if best:
+            break
+    outcome = "the initial path: no other is proved and shorter in time" if best is fixed else "chosen"
+    duration = fixed.trajectory.duration if fixed else best.trajectory.duration
+    return best, report(best, ChoiceReport(outcome, np.nan, tried, steps), duration), rounds
+
+
+def _clear(
+    choice: Choice, scene: Scene, first: tuple[Array, Array], plan_along: Callable[[FreePath | PointToPoint, Array], P],
+    enough: float, pairs: NearPairs,
+) -> tuple[P | None, tuple[int, int]]:  # fmt: skip
+    """Return the fastest plan from a free initial path or None if none is valid, and the rounds and Newton steps."""
+    (p, near), s, steps = first, choice.optimum.programme.s, 0
+    cuts = Cuts(choice.robot, scene, near[0], pairs)
+    for rounds in range(1, MOST_CUTS + 1):
+        programme = FreeProgramme(choice.optimum.programme, *choice.parts, *choice.statics, cuts.limits(choice))
+        solution = solve_coefficients(programme, p, choice.bounds, near, damping=choice.damping, enough=enough)
+        if solution is None:
+            break
+        steps += solution.steps
+        if cuts.add_touched(_between(solution.path, s)):
+            continue
+        found = plan_along(choice.path_of(solution.p), solution.path[0, 0])
+        if found:
+            return found, (rounds, steps)
+        if not found.has_motion or found.certificate.clearance is None or found.certificate.clearance.proved:
+            break
+        proof, t = found.certificate, found.certificate.clearance.nearest.time
+        cuts.add_failed(found.trajectory(t), proof.s_at(t), s)
+    return None, (rounds, steps)
+
+
+# ---------------- the fastest plan over the freedoms of a path, and the fastest around obstacles from several initial paths
+
 
 FEW_SEGMENTS = 20
 """Segments of a path up to which several sequences are initial guesses, and up to which a path in a scene is optimised without
@@ -82,7 +315,7 @@ class PathPlanner(Protocol[R]):
         """Return the plan of a joint path, and the optimum if the law has one."""
 
 
-def choose_path(
+def choose_on_path(
     planner: PathPlanner[Q], path: FreePath | PointToPoint, followed: FollowResult, scene: Scene | None,
     ways: Sequence[FreeWay] = (), *, held: bool, retime: Callable[[Q], Q] | None = None,
 ) -> Q:  # fmt: skip
@@ -104,7 +337,9 @@ def choose_path(
         found += [one for way in easy if (one := plan_along(path.with_coefficients(way.fit(path), None), way.q[0]))]
     if scene is None or path.segments <= FEW_SEGMENTS:
         ways = [*easy, *ways]
-        more, made = choose(path, fixed.joint_path, optimum, fixed, held=held, plan_along=plan_along, ways=ways)
+        more, made = choose_coefficients(
+            path, fixed.joint_path, optimum, fixed, held=held, plan_along=plan_along, ways=ways
+        )
         found += more
     plans = found if retime is None else [retime(plan) for plan in found]
     best, before = pick_plan([plan for plan in plans if plan] or plans[:1]), plans[0]
@@ -121,7 +356,7 @@ def choose_path(
     return replace(best, freedom=report(best, made, duration))
 
 
-def choose_way(
+def choose_searched(
     planner: PathPlanner[Q], path: FreePath | PointToPoint, followed: FollowResult, scene: Scene,
     search: SearchLike, winding: str, ways: Sequence[FreeWay] = (), *, held: bool, optimal: bool,
 ) -> tuple[Q | PlanFailure, SearchReport]:  # fmt: skip
@@ -174,9 +409,9 @@ def _plan_around(
         if optimum is None:
             made = replace(fixed, freedom=report(fixed)) if fixed.has_motion else fixed
             return best or made, rounds
-        choice, least = choice_for(path, fixed.joint_path, optimum, held=held, ways=ways), fixed.least_duration or 0.0
+        choice, least = make_choice(path, fixed.joint_path, optimum, held=held, ways=ways), fixed.least_duration or 0.0
         guess = find_guess(best, NOT_FAR * least, optimum.programme.s)
-        made, result, spent = choose_around(choice, scene, fixed, plan_along, guess, FAST * least)
+        made, result, spent = choose_in_scene(choice, scene, fixed, plan_along, guess, FAST * least)
         made, rounds = replace(made, freedom=result), rounds + spent
         best = made if made and (best is None or made.trajectory.duration < best.trajectory.duration) else best
         if made and not ENOUGH_NEAR * least < made.trajectory.duration <= MAY_GAIN * before:

@@ -19,7 +19,7 @@ from optik.scene import Scene
 from optik.types import Array
 from planners.limits import MotionLimits
 from planners.motion import Motion
-from planners.motion.event import events_to_plain, read_events
+from planners.motion.motion import events_to_plain, read_events
 from planners.paths import path_of
 from planners.trajectory import Trajectory
 

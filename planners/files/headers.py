@@ -14,7 +14,7 @@ import numpy as np
 
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
-from optik.tables import TableColumn, TextTable, find_size, read_number, split_unit
+from optik.tables import TableColumn, TextTable, find_size, read_cell, split_unit
 from planners.ros.message import POINT_FIELDS, MessagePoints
 
 CLOCKS = ("t", "time", "times", "timestamp", "timestamps", "stamp", "elapsed", "clock", "epoch")
@@ -78,7 +78,7 @@ def read_log(table: TextTable, robot: Robot, names: list[str]) -> MessagePoints:
 
 def _are_parts(table: TextTable, clocks: Columns) -> bool:
     """Return whether all times are whole, and the nanoseconds below a second: not the same times in two units."""
-    cells = [(read_number(cells[column.at]), column.unit) for _, cells in table.lines for column in clocks.values()]
+    cells = [(read_cell(cells[column.at]), column.unit) for _, cells in table.lines for column in clocks.values()]
     return not any(x % 1.0 > 0.0 or (unit == "ns" and not 0.0 <= x < 1e9) for x, unit in cells)
 
 

@@ -17,7 +17,7 @@ from optik.arm.robot import Robot
 from optik.check import locate_error
 from optik.errors import InvalidInput
 from optik.file_io import check_suffix, decode_text, parse_json, read_bytes
-from optik.scene.messages import find_mappings
+from optik.scene.files import find_mappings
 from optik.tables import UNIT_SIZES, Names, find_size, read_names, read_table, split_unit, warn_of_assumptions
 from optik.types import Array
 from planners.files import load_motion
@@ -28,7 +28,7 @@ from planners.paths.goal import find_continuous
 from planners.ros.export import MESSAGE_SUFFIXES, JointNames, find_columns
 from planners.ros.message import POINT_FIELDS, Form, MessagePoints, from_text, read_points
 from planners.trajectory import Trajectory, map_joints
-from planners.trajectory.controller import INTERPOLATIONS, trajectory_through
+from planners.trajectory.trajectory import INTERPOLATIONS, trajectory_through
 
 READ_SUFFIXES = (".csv", *MESSAGE_SUFFIXES)
 """Suffixes of the files that can be read."""

@@ -17,8 +17,7 @@ from optik.errors import NoSolution
 from optik.ik import IKResult, IKSolver, IKStatus, Tolerance
 from optik.types import Array
 from planners.following import march
-from planners.following.singular import smallest_singular_value
-from planners.following.track import TrackEnd
+from planners.following.track import TrackEnd, singular_value_at
 from planners.paths.base import Path
 
 CLEARLY_REGULAR = 1e-2
@@ -132,7 +131,7 @@ def format_position(path: Path, s: float) -> str:
 
 def explain_end(robot: Robot, path: Path, reach: Array, ended: TrackEnd, q: Array) -> PlanFailure:
     """Return the failure at the end of a branch, by its last valid configuration and the path just behind the end."""
-    sigma, s, at = smallest_singular_value(robot, q), ended.s, format_position(path, ended.s)
+    sigma, s, at = singular_value_at(robot, q), ended.s, format_position(path, ended.s)
     if ended.code == march.LIMIT:
         i, ranges = ended.joint, ranges_of(robot)
         name, low, high, unit = ranges.names[i], ranges.lower[i], ranges.upper[i], joint_unit(robot, ranges.axis[i])
@@ -191,7 +190,7 @@ def _explain_beyond(
 
 def explain_ik_failure(solver: IKSolver, path: Path, s: float, result: IKResult, before: Array) -> PlanFailure:
     """Return the failure of the IK method where the branch continues."""
-    sigma, at = smallest_singular_value(solver.robot, before), format_position(path, s)
+    sigma, at = singular_value_at(solver.robot, before), format_position(path, s)
     reason = (
         f"{solver.name} found no configuration at {at} ({result.status}: {1e3 * result.position_error:.3g} mm and "
         f"{np.degrees(result.rotation_error):.3g}° away), where the branch continues; smallest singular value {sigma:.2g}"
@@ -209,4 +208,4 @@ def explain_branch_jump(solver: IKSolver, path: Path, s: float, step: Array, bef
         "from the tracked branch"
     )
     advice = "another method, such as lm, or more samples: the branch itself continues there"
-    return PlanFailure(FollowStatus.BRANCH_JUMP, s, name, reason, advice, smallest_singular_value(robot, before))
+    return PlanFailure(FollowStatus.BRANCH_JUMP, s, name, reason, advice, singular_value_at(robot, before))

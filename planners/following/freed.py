@@ -16,7 +16,7 @@ from optik.arm.robot import Robot
 from optik.ik import Tolerance
 from optik.types import Array
 from planners.following.failure import RANK_DRAWS, ZERO_FRACTION, FollowStatus, PlanFailure, find_rank, format_position
-from planners.following.resolve.extend import add_joints
+from planners.following.resolve.freedoms import add_joints
 from planners.paths.base import Path
 from planners.paths.points import PointsOf
 
@@ -26,6 +26,8 @@ FREE = -np.inf, np.inf
 """Range of a free rotation [rad]."""
 WORDS = {"axis": "the tool's point and axis are", "point": "only the tool's point is"}
 """What is asked of an arm, in words."""
+POINT_ADVICE = "free(path, turn=True, tilt=True), which asks the tool's point alone; or "
+"""Begin of the advice where more is asked than an arm can follow."""
 
 
 class FreedArm(NamedTuple):
@@ -119,5 +121,5 @@ def explain_asked(failure: PlanFailure, own: Robot, arm: FreedArm, path: Path) -
     if path.asked == "axis":
         last = own.joint_names[-1]
         reason += f"; {last} turns the tool about its axis only, so four joints meet both" if arm.robot is own else ""
-        advice = f"turn=True, tilt=True (--free turn,tilt), which asks the point alone; or {advice}"
+        advice = POINT_ADVICE + advice
     return replace(failure, reason=reason, advice=advice)

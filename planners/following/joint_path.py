@@ -167,7 +167,9 @@ def deviation_bounds(robot: Robot, path: Path, s: Array, q: Array, dq: Array, pi
 
     def bounds(s: Array, q: Array, dq: Array) -> Array:
         out = np.empty((len(s) - 1, 2))
-        march.pieces_bound(robot.chain, s, q, dq, path.pose(s), path.twist(s), fourth_bounds(path, s, pieces), out)
+        march.pieces_bound(
+            robot.chain, s, q, dq, path.pose(s), path.twist(s), bound_fourth_derivatives(path, s, pieces), out
+        )
         return out
 
     out = bounds(s, q, dq)
@@ -183,7 +185,7 @@ def deviation_bounds(robot: Robot, path: Path, s: Array, q: Array, dq: Array, pi
     return out
 
 
-def fourth_bounds(path: Path, s: Array, pieces: Array | None = None) -> Array:
+def bound_fourth_derivatives(path: Path, s: Array, pieces: Array | None = None) -> Array:
     """Return bounds on the fourth derivatives of position and rotation from each node to the next.
 
     Each is the largest bound of all pieces of the path in the interval: derivatives up to the third are continuous, so a
@@ -276,7 +278,7 @@ class Course:
         twists = np.empty((s.size, 3, 6))
         for order in (1, 2, 3):
             twists[:, order - 1] = self.path.twist(s, order)
-        return Nodes(s, self.path.pose(s), twists, *self.guide(s), fourth_bounds(self.path, s, self.pieces))
+        return Nodes(s, self.path.pose(s), twists, *self.guide(s), bound_fourth_derivatives(self.path, s, self.pieces))
 
     def spread(self, s: Array, tolerance: Tolerance) -> Array:
         """Return the values of s to march through: those given, the path's breaks, and more where the path bends.
@@ -304,12 +306,12 @@ class Course:
         if gap.min() >= LEAST_SPACING:
             return s
         kept = np.ones(len(s), np.bool_)
-        thin(s, step, np.isin(s, breaks), kept)
+        thin_positions(s, step, np.isin(s, breaks), kept)
         return np.asarray(s[kept])
 
 
 @compiled
-def thin(s: Array, step: Array, preferred: Flags, kept: Flags) -> None:
+def thin_positions(s: Array, step: Array, preferred: Flags, kept: Flags) -> None:
     """Leave out values of s nearer than `LEAST_SPACING` to the previous one, where the step may be that long.
 
     Of two near ones the preferred one is kept; both ends are always kept.

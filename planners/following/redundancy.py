@@ -11,13 +11,10 @@ from optik import newton
 from optik.arm.robot import Robot
 from optik.types import Array, Flags
 from planners.following import smoothing
-from planners.following.branches import Rooms
-from planners.following.collision import CollisionCheck
+from planners.following.branches import CollisionCheck, Rooms
 from planners.following.joint_path import Guide
 from planners.following.resolve import Resolution, resolve
-from planners.following.resolve.graph import Sequence
-from planners.following.resolve.nodes import Sampler
-from planners.following.resolve.relax import relax
+from planners.following.resolve.graph import Sampler, Sequence, relax_sequences
 from planners.following.smoothing import BARRIER_WEIGHT, STATION_REACHED
 from planners.paths.base import Path
 
@@ -68,8 +65,8 @@ def find_null_space_motions(
             made.append(done)
         motions = (
             NullSpaceMotion(
-                robot, path, *(parts[-1] if rooms is None else relax(sampler, path, parts[-1:], held=held)[0]), held=held,
-                rooms=rooms, smooth=rooms is None,
+                robot, path, *(parts[-1] if rooms is None else relax_sequences(sampler, path, parts[-1:], held=held)[0]),
+                held=held, rooms=rooms, smooth=rooms is None,
             )
             for parts in found
         )  # fmt: skip

@@ -1,6 +1,8 @@
 """Limits of a motion: the bound of each kind, its rows in time laws, its judgement and its key in files."""
 
+from planners.limits.acceleration_by_velocity import AccelerationByVelocity
 from planners.limits.base import Limit, ratio_to_limit, scale_of, sides, symmetric_bound
+from planners.limits.grip import Grip
 from planners.limits.inputs import Extreme, PathPoints, ToolExtreme
 from planners.limits.kinds import (
     ALL_LIMITS,
@@ -21,6 +23,9 @@ from planners.limits.motion_limits import (
     tool_limits_at,
     tool_limits_between,
 )
+from planners.limits.open_container import OpenContainer
+from planners.limits.suction import Suction
+from planners.limits.tray import Tray
 
 SAME_SPEED = 1e-6
 """Relative change of a requested tool speed below which it counts as unchanged: times in whole nanoseconds change it."""
@@ -32,12 +37,17 @@ __all__ = [
     "LOADED",
     "SAME_SPEED",
     "TOOL_SPEEDS",
+    "AccelerationByVelocity",
     "DerivativeLimit",
     "Extreme",
+    "Grip",
     "Limit",
     "MotionLimits",
+    "OpenContainer",
     "PathPoints",
+    "Suction",
     "ToolExtreme",
+    "Tray",
     "check_names",
     "check_path",
     "find_tool_limit_changes",

@@ -23,7 +23,7 @@ from optik.types import Array
 from planners.limits._combination import Combination, CombinationLimit
 from planners.limits.inputs import Extreme, LimitedMotion, LimitedPath, PathPoints
 from planners.limits.kinds import torque_rate_rows, torque_rows
-from planners.limits.record import PLACES, SampledLimit, find_reversals
+from planners.limits.record import PLACES, SampledLimit, find_velocity_reversals
 
 TORQUE_EXCESS = 1e-5
 """Largest excess of a proved torque over the largest one found."""
@@ -82,7 +82,7 @@ class MotorTorqueLimit(SampledLimit, CombinationLimit):
         motors, T, limits = cast(Any, robot.motors), np.array(bound.matrix), np.array(bound.bound)[:, None]
         E = motors.inverse
         q1, q2, q3 = (at.q(order) @ E.T for order in (1, 2, 3))
-        still, out = find_reversals(q1), []
+        still, out = find_velocity_reversals(q1), []
         for load in robot.loads:
             axes = torque_rate_rows(at, load) if self.rate else torque_rows(at, load)
             rows = np.einsum("mn,knc->kmc", T, axes)

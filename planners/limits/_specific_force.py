@@ -209,7 +209,7 @@ def _turn_back(R: Array, x: Array) -> Array:
     return np.asarray(np.einsum("kji,kj->ki", R, x))
 
 
-def split(f: Array, axis: Array) -> tuple[Array, Array]:
+def split_by_axis(f: Array, axis: Array) -> tuple[Array, Array]:
     """Return the components of vectors along an axis, and the size of those across it."""
     along = f @ axis
     return along, np.sqrt(np.maximum(np.einsum("ki,ki->k", f, f) - along**2, 0.0))
@@ -236,7 +236,7 @@ class TiltLimit(SpecificForceLimit):
 
     def measure(self, bound: Any, mass: float, f: Array, off: Array | float = 0.0) -> Array:
         """Return the angle over the greatest one; a ball of radius `off` seen from 0 adds asin(off / |f|)."""
-        along, across = split(f, self.axis(bound))
+        along, across = split_by_axis(f, self.axis(bound))
         size = np.maximum(np.hypot(along, across), 1e-300)
         angle = np.arctan2(across, -along) + np.arcsin(np.minimum(off / size, 1.0))
         return np.asarray(angle / self.value(bound))

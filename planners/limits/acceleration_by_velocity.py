@@ -14,7 +14,7 @@ from optik.arm.robot import Robot
 from optik.errors import InvalidInput
 from optik.types import Array
 from planners.limits.inputs import Extreme, LimitedMotion, PathPoints
-from planners.limits.record import PLACES, Record, SampledLimit, dynamic_share, find_reversals
+from planners.limits.record import PLACES, Record, SampledLimit, dynamic_share, find_velocity_reversals
 from planners.trajectory import Trajectory
 from planners.trajectory.trajectory import shift_pieces
 
@@ -103,7 +103,7 @@ class AccelerationByVelocityLimit(SampledLimit):
         middle, half = 0.5 * (A - D)[:, None], 0.5 * (A + D)[:, None]
         out[..., 3] = -middle / half
         out[..., :3] /= half[..., None]
-        out[..., 2, :] = np.where(find_reversals(q1)[..., None], out[..., 2, :], 0.0)
+        out[..., 2, :] = np.where(find_velocity_reversals(q1)[..., None], out[..., 2, :], 0.0)
         return out.reshape(q1.shape[0], -1, 4)
 
     def _parts(self, motion: LimitedMotion) -> tuple[Array, Array, Array]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from optik.check import check_number
 from optik.types import Array
-from planners.limits._specific_force import SpecificForceLimit, split
+from planners.limits._specific_force import SpecificForceLimit, split_by_axis
 from planners.limits.record import Record, check_axis, check_optional, check_vector
 
 
@@ -72,7 +72,7 @@ class GripLimit(SpecificForceLimit):
 
     def measure(self, bound: Grip, mass: float, f: Array, off: Array | float = 0.0) -> Array:
         """Return the larger of both ratios."""
-        along, across = split(f, self.axis(bound))
+        along, across = split_by_axis(f, self.axis(bound))
         return mass / bound.force * np.maximum((across + off) / (2.0 * bound.friction), np.abs(along) + off)
 
     def scaled(self, value: Grip, factor: float) -> Grip:

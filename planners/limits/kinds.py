@@ -309,7 +309,7 @@ class ToolSpeedLimit(Limit):
             if np.isfinite(bound).any()
             else np.zeros(at.s.size)
         )
-        here = bound[0] if bound.size == 1 else bound_at(at.joint_path.path, bound, at.s, self.name)
+        here = bound[0] if bound.size == 1 else limit_at(at.joint_path.path, bound, at.s, self.name)
         return np.asarray((norm / here)[:, None, None])
 
     def judge(self, motion: LimitedMotion, bound: Array) -> ToolExtreme:
@@ -319,7 +319,7 @@ class ToolSpeedLimit(Limit):
             return ToolExtreme(value, float("nan"), time)
         if bound.size == 1:
             return ToolExtreme(value, value / float(bound[0]), time)
-        ratio, time = motion.tool_speed_ratio(bounds_on_pieces(motion.path, bound, self.name), self.part)
+        ratio, time = motion.tool_speed_ratio(limits_on_pieces(motion.path, bound, self.name), self.part)
         return ToolExtreme(value, ratio, time)
 
     def piece_ratios(self, motion: LimitedMotion, bound: Array) -> Array:
@@ -331,7 +331,7 @@ class ToolSpeedLimit(Limit):
         return np.asarray(np.maximum(*(v / most for v, most in zip(speeds, allowed, strict=True)))[:, None])
 
 
-def bounds_on_pieces(path: Path, bound: Array, name: str) -> Array:
+def limits_on_pieces(path: Path, bound: Array, name: str) -> Array:
     """Return the bounds on the pieces between a path's breaks; the lesser one on a piece that belongs to two segments."""
     if bound.size != path.segments:
         several = f"{path.segments} numbers, one for each segment of the {path.name}, or one number"
@@ -340,15 +340,15 @@ def bounds_on_pieces(path: Path, bound: Array, name: str) -> Array:
     return path.least_on_pieces(bound)
 
 
-def bound_at(path: Path, bound: Array, s: Array, name: str) -> Array:
+def limit_at(path: Path, bound: Array, s: Array, name: str) -> Array:
     """Return the bounds at positions along a path; at a break the lesser of both sides."""
-    pieces, inner, near = bounds_on_pieces(path, bound, name), path.breaks[1:-1], AT_BREAK * path.end
+    pieces, inner, near = limits_on_pieces(path, bound, name), path.breaks[1:-1], AT_BREAK * path.end
     return np.minimum(pieces[np.searchsorted(inner, s - near)], pieces[np.searchsorted(inner, s + near)])
 
 
 def inside_ends(path: Path, bound: Array, s: Array, name: str) -> tuple[Array, Array]:
     """Return the bounds just after the start, and just before the end, of intervals of a path."""
-    pieces, inner, near = bounds_on_pieces(path, bound, name), path.breaks[1:-1], AT_BREAK * path.end
+    pieces, inner, near = limits_on_pieces(path, bound, name), path.breaks[1:-1], AT_BREAK * path.end
     return pieces[np.searchsorted(inner, s[:-1] + near)], pieces[np.searchsorted(inner, s[1:] - near)]
 
 

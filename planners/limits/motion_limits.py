@@ -1,4 +1,4 @@
-"""The limits of one motion: a bound for each kind of limit that is given."""
+"""The limits of one motion: a bound for each kind of limit that is given; the least duration of a move within them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from optik.arm.plain import read_record
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
 from optik.types import Array, content
-from planners.limits.base import Limit, ratio_to_limit, symmetric_bound
+from planners.limits.base import Limit, ratio_to_limit, sides, symmetric_bound
 from planners.limits.inputs import PathPoints, plain
 from planners.limits.kinds import (
     ALL_LIMITS,
@@ -22,14 +22,16 @@ from planners.limits.kinds import (
     FIELD_LIMITS,
     LOADED,
     TOOL_SPEEDS,
-    bound_at,
-    bounds_on_pieces,
     inside_ends,
     kind_of,
+    limit_at,
     limit_names,
+    limits_on_pieces,
 )
 from planners.paths.base import Path
 from planners.trajectory.curve import monomials
+
+# ---------------- the limits of one motion
 
 
 def _find_records(robot: Robot) -> dict[str, Any]:
@@ -371,13 +373,13 @@ def check_path(limits: MotionLimits, path: Path) -> None:
     for name in TOOL_SPEEDS:
         value = limits.value(name)
         if np.ndim(value):
-            bounds_on_pieces(path, np.asarray(value), name)
+            limits_on_pieces(path, np.asarray(value), name)
 
 
 def tool_limits_at(limits: MotionLimits, path: Path, s: Array) -> Array:
     """Return the greatest tool speeds (k, 2) [m/s, rad/s] at positions (k,) along a path; at a break the lesser of two."""
     given = zip(TOOL_SPEEDS, map(limits.value, TOOL_SPEEDS), limits.tool, strict=True)
-    each = [bound_at(path, np.asarray(v), s, name) if np.ndim(v) else np.full(s.size, most) for name, v, most in given]
+    each = [limit_at(path, np.asarray(v), s, name) if np.ndim(v) else np.full(s.size, most) for name, v, most in given]
     return np.stack(each, axis=1)
 
 
@@ -400,3 +402,32 @@ def find_tool_limit_changes(limits: MotionLimits, path: Path) -> Array:
         return np.empty(0)
     breaks, allowed = path.breaks, tool_limits_between(limits, path, path.breaks)
     return np.asarray(breaks[1:-1][(allowed[1:] != allowed[:-1]).any(axis=1)])
+
+
+# ---------------- least duration of a move of the joints from rest to rest
+
+
+HALVINGS = 100
+"""Halvings of the interval of a joint's peak speed: from 1e9 to the last bit of 1e-12."""
+
+
+def compute_least_duration(away: Array, limits: MotionLimits) -> float:
+    """Return the least duration [s] of a move by `away` (n,) [rad, m]: that of the slowest joint, by its limits alone.
+
+    A joint reaches its peak speed v from rest in v / A + A / J, or in 2 (v / J)^½ if it does not reach A; the distance is
+    half of v times this. The peak speed is the limit V, or less if the distance is short.
+    """
+    bounds, d = limits.bounds(away.size), np.abs(away)
+    V, J, (lower, upper) = bounds["velocity"], bounds["jerk"], sides(bounds["acceleration"])
+    ramps = np.where(away > 0.0, upper, -lower), np.where(away > 0.0, -lower, upper)
+
+    def ramp_time(v: Array) -> Array:
+        with np.errstate(over="ignore", invalid="ignore"):  # limits may be infinite
+            return np.asarray(sum(np.where(v * J > A * A, v / A + A / J, 2.0 * np.sqrt(v / J)) for A in ramps))
+
+    low, high = np.zeros(d.size), np.minimum(V, 1e9)
+    for _ in range(HALVINGS):
+        v = 0.5 * (low + high)
+        short = 0.5 * v * ramp_time(v) < d
+        low, high = np.where(short, v, low), np.where(short, high, v)
+    return float((0.5 * ramp_time(high) + d / high).max(initial=0.0, where=d > 0.0))

@@ -160,7 +160,7 @@ LEAST_ROOM = 1e-3
 """Least fraction of a limit above its static part with which a row is tightened."""
 
 
-def find_reversals(q1: Array) -> Flags:
+def find_velocity_reversals(q1: Array) -> Flags:
     """Return where joints (k, n) rest or reverse nearby, from q'(s) at points of a path."""
     sign = np.where(q1 < 0.0, -1.0, 1.0)
     found, turning = np.abs(q1) <= 1e-9 * np.abs(q1).max(initial=0.0), sign[1:] != sign[:-1]

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from optik.types import Array
-from planners.limits._specific_force import SpecificForceLimit, split
+from planners.limits._specific_force import SpecificForceLimit, split_by_axis
 from planners.limits.grip import check_grip
 from planners.limits.record import Record
 
@@ -57,7 +57,7 @@ class SuctionLimit(SpecificForceLimit):
 
     def measure(self, bound: Suction, mass: float, f: Array, off: Array | float = 0.0) -> Array:
         """Return m (|f_t| / μ + f_n) / F."""
-        along, across = split(f, self.axis(bound))
+        along, across = split_by_axis(f, self.axis(bound))
         steep = np.hypot(1.0, 1.0 / bound.friction)
         return np.asarray(mass / bound.force * np.maximum(across / bound.friction + along + steep * off, 0.0))
 

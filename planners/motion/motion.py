@@ -1,27 +1,117 @@
-"""Motion: a trajectory with its arm, path, limits, tolerance and scene, as files store it."""
+"""Motion: a trajectory with its arm, path, limits, events and scene, as files store it, and its stretching to the limits."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
-from typing import Any, Protocol
+from math import factorial
+from typing import Any, NamedTuple, Protocol
 
+import numpy as np
+import scipy
+
+from optik.arm.plain import read_list, read_word
 from optik.arm.robot import Robot
 from optik.check import check_number
-from optik.errors import InvalidInput
+from optik.errors import InvalidInput, NoSolution
 from optik.ik.base import Tolerance
 from optik.scene import Scene
 from optik.scene.contact import check_scene, scene_for
+from optik.types import Array
+from planners.certificate.analysis import MotionAnalysis, check_span
 from planners.certificate.certificate import Certificate, check_valid
 from planners.certificate.certification import certify
-from planners.certificate.checks import check_span
+from planners.certificate.torque import TorqueBounds
 from planners.certificate.violation import ALLOWANCES, Allow, check_allow
 from planners.following.failure import FollowStatus
-from planners.limits import ALL_LIMITS, MotionLimits, check_path
-from planners.motion.event import Event
+from planners.following.joint_path import JointPath
+from planners.limits import ALL_LIMITS, MotionLimits, check_names, check_path, kind_of
+from planners.limits.inputs import TorqueRatios
 from planners.paths.base import Path
-from planners.trajectory import Trajectory
+from planners.trajectory import State, Trajectory, shift_pieces
+from planners.trajectory.curve import quintic
+
+# ---------------- events
+
+
+EVENT_KEYS = ("t", "signal", "value", "s", "before", "shift")
+"""Keys of an event in a file."""
+
+
+class Event(NamedTuple):
+    """A signal at an instant of a motion.
+
+    Attributes
+    ----------
+    t : float
+        Its time since the start [s].
+    signal : str
+        Name of the signal.
+    value : bool, int, float or str
+        The value that it takes.
+    s : float or None
+        The path parameter of its place [m, or rad]; None for a given time.
+    before : float
+        Time [s] by which the event precedes the instant at which the motion is at s; negative if it follows.
+    shift : float
+        What was added to its time so that it is a whole number of servo periods [s].
+    """
+
+    t: float
+    signal: str
+    value: bool | int | float | str = 1
+    s: float | None = None
+    before: float = 0.0
+    shift: float = 0.0
+
+    def stretched(self, factor: float) -> Event:
+        """Return the event of the motion stretched in time by a factor; a given time stays.
+
+        Parameters
+        ----------
+        factor : float
+            New duration over the old one [1].
+
+        Returns
+        -------
+        Event
+            Without a shift.
+        """
+        if self.s is None:
+            return self
+        return self._replace(t=max((self.t - self.shift + self.before) * factor - self.before, 0.0), shift=0.0)
+
+
+def check_signal(signal: Any, value: Any) -> None:
+    """Raise InvalidInput unless a signal has a name and a value that files can hold."""
+    if not isinstance(signal, str) or not signal.isprintable() or not signal:
+        raise InvalidInput("signal", repr(signal)[:60], "a name that can be printed")
+    if not isinstance(value, bool | int | float | str) or (isinstance(value, float) and value - value != 0.0):
+        raise InvalidInput("value", repr(value)[:60], "True, False, a finite number or a text")
+
+
+def events_to_plain(events: Sequence[Event]) -> list[dict[str, Any]]:
+    """Return events as plain data for files."""
+    return [event._asdict() for event in events]
+
+
+def read_events(data: Any) -> tuple[Event, ...]:
+    """Return the events that `events_to_plain` wrote, after checking them."""
+    events = []
+    for row in read_list(data, "events"):
+        if not isinstance(row, dict) or set(row) != set(EVENT_KEYS):
+            raise InvalidInput("events", repr(row)[:60], f"mappings with {', '.join(EVENT_KEYS)}")
+        check_signal(read_word(row["signal"], "events"), row["value"])
+        for key in EVENT_KEYS:
+            if key in ("t", "before", "shift") or (key == "s" and row[key] is not None):
+                check_number(row[key], f"events.{key}", "a number")
+        events.append(Event(**row))
+    return tuple(events)
+
+
+# ---------------- motion
 
 
 class PlanStatus(StrEnum):
@@ -181,3 +271,161 @@ def get_motion(thing: Motion | HasMotion) -> Motion:
     if not isinstance(motion, Motion):
         raise InvalidInput("motion", repr(thing)[:60], "a Motion or a Plan")
     return motion
+
+
+# ---------------- scale a motion in time until it reaches a limit and exceeds none
+
+
+FIRST_MARGIN = 1e-12
+"""Relative margin of a second slow-down, needed if rounding still exceeds a limit; ten times as much for each further one."""
+SPARE = 1e-6
+"""Largest fraction of the duration that a scaled motion may be too slow: gravity does not scale with a power of the speed."""
+MOST_SPEED_UPS = 4
+"""Most times that such a motion is sped up again; each adds a few digits."""
+
+
+def find_stretch_factor(motion: MotionAnalysis, limits: MotionLimits, enforced: tuple[str, ...] | None = None) -> float:
+    """Return the least factor by which a motion from rest to rest is stretched in time to respect the limits."""
+    if enforced is not None:
+        check_names(enforced, "enforced")
+    bounds = limits.bounds(motion.robot.n)
+    chosen = [kind for kind in limits.kinds if enforced is None or kind.name in enforced]
+    return max((kind.stretch_factor(motion, bounds[kind.name]) for kind in chosen), default=0.0)
+
+
+def is_within(motion: MotionAnalysis, limits: MotionLimits, names: tuple[str, ...]) -> bool:
+    """Say whether a motion respects these limits, as the certificate judges them."""
+    bounds = limits.bounds(motion.robot.n)
+    chosen = [kind for kind in limits.kinds if kind.name in names and kind.is_given(bounds[kind.name])]
+    return all(float(np.nanmax(kind.judge(motion, bounds[kind.name]).ratio)) <= 1.0 for kind in chosen)
+
+
+def stretch_to_limits(
+    robot: Robot,
+    trajectory: Trajectory,
+    limits: MotionLimits,
+    enforced: tuple[str, ...] | None = None,
+    path: Path | None = None,
+) -> Trajectory:
+    """Return a motion from rest to rest, scaled in time to reach a limit and exceed none."""
+    return stretch_analysed(MotionAnalysis(robot, trajectory, path), limits, enforced).trajectory
+
+
+def stretch_analysed(
+    motion: MotionAnalysis, limits: MotionLimits, enforced: tuple[str, ...] | None = None
+) -> MotionAnalysis:
+    """Return a motion from rest to rest, scaled in time to reach a limit and exceed none, with its analysis."""
+    factor = find_stretch_factor(motion, limits, enforced)
+    if not factor > 0.0:
+        return motion
+    margin = 0.0
+    while True:
+        if not np.isfinite(factor):
+            raise NoSolution("a limit is exceeded at any speed", advice="another path, or higher limits")
+        motion = motion.stretched(factor * (1.0 + margin))
+        factor = find_stretch_factor(motion, limits, enforced)
+        if factor <= 1.0:
+            break
+        margin = 10.0 * margin if margin else FIRST_MARGIN  # rounding in the scaled motion may still exceed a limit
+    for _ in range(MOST_SPEED_UPS):
+        if not 0.0 < factor < 1.0 - SPARE:
+            break
+        closer = motion.stretched(factor)
+        factor = find_stretch_factor(closer, limits, enforced)
+        if factor > 1.0:
+            break
+        motion = closer
+    return motion
+
+
+PEAKS = np.array([[1.875, 1.0, 0.1], [5.78, 3.95, 1.0], [60.0, 36.0, 9.0]])
+"""Largest velocity, acceleration and jerk of the quintic from a unit of q, q̇ or q̈ to standstill at 0, in unit time."""
+FADE_FRACTION = 1e-3
+"""Fraction of the jerk limits that the correction of the initial state may use: the time lost is negligible."""
+SAME_POSITION = 1e-14
+"""Largest difference of positions [rad or m] that is rounding."""
+
+
+def match_start(trajectory: Trajectory, start: State, limits: MotionLimits) -> Trajectory:
+    """Return the motion with exactly this start q, q̇, q̈ (n,) each, which is close to its own.
+
+    q(s) differs from a measured or refitted state by noise or rounding. The difference is added as a quintic that fades to 0
+    at the first knot at which its jerk is at most `FADE_FRACTION` of the limits, else at the last. A difference of position
+    that is rounding is added as a constant: to fade it out over a short time would need jerk.
+    """
+    off = np.array([x - trajectory(0.0, order) for order, x in enumerate(start)])
+    off[0, np.abs(off[0]) <= SAME_POSITION] = 0.0
+    knots, c = trajectory.knots, trajectory.padded.copy()
+    jerk = limits.arrays(trajectory.n)["jerk"]
+    ends = knots[1:, None]
+    peaks = sum(PEAKS[2, i] * np.abs(off[i]) / ends ** (3 - i) for i in range(3)) / jerk
+    little = np.flatnonzero(np.max(peaks, axis=1) <= FADE_FRACTION)
+    count = int(little[0]) + 1 if little.size else knots.size - 1
+    still = np.zeros((1, trajectory.n))
+    over = quintic(knots[[0, count]], (off[:1], off[1:2], off[2:]), (still, still, still)).c
+    c[:, :count] += shift_pieces(np.repeat(over, count, axis=1), knots[:count])
+    c[5] += np.where(off[0] == 0.0, start[0] - trajectory(0.0), 0.0)
+    for order, x in enumerate(start):
+        c[5 - order, 0] = x / factorial(order)
+    return Trajectory(scipy.interpolate.PPoly(c, knots, extrapolate=True), trajectory.s)
+
+
+STATIC_EXCESS = 1e-3
+"""Largest excess of the bound on the static torque over the largest value found, as a fraction of it: if the limit is between
+both, the time law decides."""
+
+
+def static_torque(joint_path: JointPath, bound: Array, since: float = 0.0) -> TorqueRatios:
+    """Return bounds on the static torque on a joint path: of gravity, and of Coulomb friction in the path's direction.
+
+    Where a joint rests or reverses, as all joints do at both ends, friction counts on both sides.
+    """
+    along = Trajectory(scipy.interpolate.PPoly(joint_path.coefficients, joint_path.nodes))
+    motion = MotionAnalysis(joint_path.robot, along)
+    begin = int(np.searchsorted(along.knots[1:-1], since, side="right"))
+    pieces, knots = np.arange(begin, along.knots.size - 1), along.knots[begin:]
+    first, last = (motion.joints_at(pieces, s) for s in (knots[:-1], knots[1:]))
+    torques = TorqueBounds(joint_path.robot, knots, first, last, still=True)
+    found = torques.bound_ratios(bound, rate=False, excess=STATIC_EXCESS)
+    for model, ends in zip(torques.models, torques.ends, strict=True):
+        resting = [(along.end, ends.right[-1, 0])] + ([] if since > 0.0 else [(0.0, ends.left[0, 0])])
+        for s, value in resting:
+            found = _include_rest(found, bound, s, value, model[1].coulomb)
+    return found
+
+
+def _include_rest(found: TorqueRatios, bound: Array, s: float, value: Array, friction: Array) -> TorqueRatios:
+    """Return the larger of the given ratios and those of a state of rest at s, with friction on both sides."""
+    down, up = (value - friction) / bound[0], (value + friction) / bound[1]
+    ratio = np.maximum(down, up)
+    return TorqueRatios(
+        np.maximum(found.ratio, ratio),
+        np.maximum(found.found, ratio),
+        np.where(ratio > found.found, s, found.time),
+        np.where(ratio > found.found, up >= down, found.upper),
+    )
+
+
+def check_statics(joint_path: JointPath, limits: MotionLimits, enforced: tuple[str, ...], since: float = 0.0) -> None:
+    """Raise NoSolution if an enforced limit is exceeded along a path however slowly the arm moves."""
+    bounds = limits.bounds(joint_path.robot.n)
+    for name in limits.extra or ():
+        if name in enforced:
+            kind_of(name).check_still(joint_path, bounds[name])
+    if limits.torque is None or "torque" not in enforced:
+        return
+    given = bounds["torque"]
+    bound = np.stack([-given, given]) if given.ndim == 1 else given
+    found = static_torque(joint_path, bound, since)
+    ratio = np.where(np.isfinite(bound[1]), found.found, 0.0)
+    i = int(ratio.argmax())
+    if ratio[i] <= 1.0:
+        return
+    limit = abs(float(bound[1 if found.upper[i] else 0, i]))
+    robot, s = joint_path.robot, float(found.time[i])
+    force = "N" if robot.prismatic[i] else "N·m"
+    raise NoSolution(
+        f"the limit of {limit:.6g} {force} on the torque of {robot.joint_names[i]} is below the {ratio[i] * limit:.6g} {force} "
+        f"that gravity and friction need at s = {s:.6g} {joint_path.path.unit}, however slowly the arm moves",
+        s=s, joint=robot.joint_names[i], advice="another path, a lighter payload, or a higher limit",
+    )  # fmt: skip

@@ -10,8 +10,9 @@ from optik.arm.robot import Robot
 from optik.errors import InvalidInput, UnknownName
 from optik.registry import find_loaded, load_method, names, short_name
 from planners.paths.base import Path
+from planners.paths.point_to_point import ViaPoint
 
-__all__ = ["Path", "make_path", "path_of", "paths"]
+__all__ = ["Path", "ViaPoint", "make_path", "path_of", "paths"]
 
 
 def paths() -> tuple[str, ...]:

@@ -15,7 +15,7 @@ from optik.arm.robot import Robot
 from optik.check import real_array
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners.paths.poses import find_nearest
+from planners.paths.poses import find_nearest_on_path
 from planners.trajectory.curve import Curve
 
 Asked = Literal["pose", "axis", "point"]
@@ -204,7 +204,7 @@ class Path(Curve):
 
     def _nearest(self, poses: Array) -> Array:
         """Return s (k,) nearest to checked poses on a path of positive length; paths with a closed form override it."""
-        return find_nearest(self, poses)
+        return find_nearest_on_path(self, poses)
 
     def configurations(self, robot: Robot, s: ArrayLike, order: int = 0) -> Array | None:
         """Return configurations at s, or their derivatives, of a path in joint space.

@@ -12,8 +12,14 @@ from optik.arm.limits import LIMIT_TOLERANCE
 from optik.arm.robot import Robot
 from optik.errors import NoSolution
 from optik.ik import get_solver
-from optik.ik.analytic.branches import null_space_basis, select_inside, slide
-from optik.ik.analytic.roots import LIMIT_BAND, POLISHING_STEPS, enumerate_roots
+from optik.ik.analytic.branches import (
+    LIMIT_BAND,
+    POLISHING_STEPS,
+    enumerate_roots,
+    null_space_basis,
+    select_inside,
+    slide,
+)
 from optik.ik.problem import check_start
 from optik.types import Array, Flags
 

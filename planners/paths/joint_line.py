@@ -16,7 +16,7 @@ from optik.ik import solve_ik
 from optik.ik.problem import check_start
 from optik.types import Array
 from planners.paths.base import Path, check_arm, check_recorded, check_robot, fields
-from planners.paths.joint_bounds import tool_bounds, tool_twists
+from planners.paths.joint_curve import bound_tool_derivatives, tool_twists
 from planners.trajectory.curve import Curve
 
 BOUND_SAMPLES = 32
@@ -160,7 +160,9 @@ class JointLine(Path):
         joints = self._joint_derivatives(self._joints(np.linspace(0.0, self.end, cells + 1)))
         most = np.zeros((1, 5, self.robot.n))
         most[0, 0], most[0, 1] = np.abs([self.q_start, self.q_goal]).max(axis=0), np.abs(self._joints.rate)
-        return np.asarray(tool_bounds(self.robot, most, np.array([self.end]), tool_twists(self.robot, joints))[0])
+        return np.asarray(
+            bound_tool_derivatives(self.robot, most, np.array([self.end]), tool_twists(self.robot, joints))[0]
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain data for files, with the name and fingerprint of the arm."""

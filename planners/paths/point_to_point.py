@@ -25,7 +25,7 @@ from optik.types import Array, Flags
 from planners.paths.base import PiecewisePath, check_arm, check_recorded, check_robot, fields
 from planners.paths.configurations import MISSED, choose_configurations
 from planners.paths.control_curve import SPAN_SAMPLES, ControlCurve, read_breaks
-from planners.paths.joint_bounds import tool_bounds, tool_twists
+from planners.paths.joint_curve import bound_tool_derivatives, tool_twists
 from planners.paths.waypoints import LEAST_VIA_TOLERANCE, read_joint_waypoints
 
 SPANS_DIRECT, SPANS_PER_LEG = 4, (3, 6)
@@ -317,7 +317,7 @@ class PointToPoint(PiecewisePath):
         if self._is_straight:
             most = most.max(axis=0, keepdims=True)
         s = breaks[:-1, None] + width[:, None] * np.linspace(0.0, 1.0, SPAN_SAMPLES + 1)
-        return tool_bounds(self.robot, most, width, tool_twists(self.robot, self.coordinates(s.ravel())))
+        return bound_tool_derivatives(self.robot, most, width, tool_twists(self.robot, self.coordinates(s.ravel())))
 
     def joint_bounds(self) -> Array:
         """Return bounds (k − 1, 4, n) on the derivatives of the joints between the knots, from the control points."""

@@ -103,7 +103,7 @@ class PosesAlong(Protocol):
         """Return the twists (k, 6) at s, or their derivatives."""
 
 
-def find_nearest(path: PosesAlong, poses: Array) -> Array:
+def find_nearest_on_path(path: PosesAlong, poses: Array) -> Array:
     """Return the path parameters at which |p − x|² + `TURN_WEIGHT`² |R − X|²/2 is least, with the pose (x, X).
 
     The distance of the path from the chords of a grid has a known bound. So the chords that may be nearest are known, and
@@ -121,10 +121,10 @@ def chords(path: PosesAlong, turn: float, most: float, least: int = 1) -> tuple[
     length = np.diff(breaks)
     fewest = np.where(second > 0.0, least, 1)
     cells = np.clip(np.ceil(length * np.sqrt(second / (8.0 * most))), fewest, MOST_CELLS).astype(int)
-    return divide(breaks, cells), np.repeat(second * (length / cells) ** 2 / 8.0, cells)
+    return divide_pieces(breaks, cells), np.repeat(second * (length / cells) ** 2 / 8.0, cells)
 
 
-def divide(breaks: Array, cells: Indices) -> Array:
+def divide_pieces(breaks: Array, cells: Indices) -> Array:
     """Return the ends of equal cells of pieces between breaks, from the number of cells of each piece."""
     which = np.repeat(np.arange(cells.size), cells)
     within = np.arange(which.size) - np.repeat(np.cumsum(cells) - cells, cells)

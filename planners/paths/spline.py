@@ -23,7 +23,7 @@ from optik.tables import Names, read_table, warn_of_assumptions
 from optik.types import Array
 from planners.paths.base import PiecewisePath, fields
 from planners.paths.control_curve import DEGREE, SPAN_SAMPLES, ControlCurve, read_breaks
-from planners.paths.poses import HALF_TURN, divide, make_poses, rotation_derivative_norms, shortest_turn, skew
+from planners.paths.poses import HALF_TURN, divide_pieces, make_poses, rotation_derivative_norms, shortest_turn, skew
 from planners.paths.waypoints import check_rotation, check_waypoints, read_waypoints
 from planners.trajectory.curve import BINOMIAL, bells
 
@@ -74,7 +74,7 @@ class _Curve(NamedTuple):
 
     def lengths(self) -> tuple[Array, Array, float]:
         """Return the length of the curve up to each point (k,) and each knot, and the least |dp/ds|."""
-        s = divide(self.knots.breaks, np.full(self.knots.breaks.size - 1, ARC_SAMPLES))
+        s = divide_pieces(self.knots.breaks, np.full(self.knots.breaks.size - 1, ARC_SAMPLES))
         rate = np.linalg.norm(self.at(0.5 * (s[1:] + s[:-1]))[1, :, :3], axis=1)
         total = np.append(0.0, np.cumsum(rate * np.diff(s)))
         return np.interp(self.u, s, total), np.interp(self.knots.breaks, s, total), float(rate.min())

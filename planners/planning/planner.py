@@ -1,4 +1,4 @@
-"""The planner of one motion: it follows a path, chooses what is free, times the motion and certifies it."""
+"""The planner of one motion: it validates a request, follows a path, chooses what is free, times and certifies the motion."""
 
 from __future__ import annotations
 
@@ -13,30 +13,134 @@ from optik import newton
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput, NoSolution
 from optik.ik import IKSolver
+from optik.ik.base import Tolerance
 from optik.ik.problem import check_start
+from optik.registry import label
 from optik.scene import Scene
 from optik.types import Array
+from planners.certificate.analysis import MotionAnalysis
+from planners.certificate.certificate import Certificate
 from planners.certificate.certification import certify
+from planners.certificate.violation import required_limits, words_for
 from planners.choice.choose import CHOSEN, ChoiceReport, pick_plan, report
 from planners.choice.first_paths import DEFAULT_SEARCH, advise_elbow
-from planners.choice.ways import DENSITIES, FEW_SEGMENTS, choose_path, choose_way
-from planners.following.collision import CollisionCheck
+from planners.choice.ways import DENSITIES, FEW_SEGMENTS, choose_on_path, choose_searched
+from planners.following.branches import CollisionCheck
 from planners.following.failure import PlanFailure
-from planners.following.follow import FollowResult, FollowStatus, make_follower
-from planners.following.follower import START_TOLERANCE
+from planners.following.follow import START_TOLERANCE, FollowResult, FollowStatus, make_follower
+from planners.following.joint_path import JointPath
 from planners.following.resolve.freedoms import FreeWay, Resolver, can_resolve
 from planners.following.resolve.graph import Sequence
-from planners.limits import SAME_SPEED
+from planners.limits import SAME_SPEED, MotionLimits
 from planners.motion import PlanStatus
-from planners.motion.fit import check_statics, fit, stretch_factor
+from planners.motion.motion import check_statics, find_stretch_factor, stretch_analysed
 from planners.paths.base import Path
 from planners.paths.free_path import FEWEST_JOINTS, FreePath
 from planners.paths.point_to_point import PointToPoint
-from planners.planning.request import PlanRequest
 from planners.planning.result import Plan, PlanSeconds
+from planners.search.base import SearchLike
 from planners.timing import TimeLaw
+from planners.timing.base import StopKind
 from planners.timing.optimal import Optimal, Optimum
 from planners.trajectory import Trajectory
+
+# ---------------- the validated arguments of a plan, and the plans that can result
+
+
+def judge_certificate(
+    proof: Certificate, enforced: tuple[str, ...] | None = None
+) -> tuple[PlanStatus, PlanFailure | None]:
+    """Return the status of a plan with this certificate, and its first violation; the law enforces these limits."""
+    if proof.is_valid:
+        return PlanStatus.SOLVED, None
+    status = PlanStatus.NOT_PROVED
+    advice = "another law, or a wider tolerance; plan.trajectory and plan.certificate show where"
+    if proof.clearance is not None and proof.clearance.touches:
+        status = PlanStatus.CONTACT
+        advice = "another start, goal or path, or a smaller margin; plan.certificate.clearance shows where"
+    elif enforced is not None and replace(proof, enforced=enforced).is_valid:
+        status = PlanStatus.LIMITS_EXCEEDED
+        advice = f"another law, as {proof.law} does not enforce this limit; or allow={words_for(proof.violations)!r}"
+    first = proof.violations[0]
+    reason = f"the certificate is not valid: {'; '.join(proof.reasons)}"
+    return status, PlanFailure(status, proof.s_at(first.t), first.joint, reason, advice)
+
+
+@dataclass(frozen=True)
+class PlanRequest:
+    """The validated arguments of a plan, and the plans that can result."""
+
+    robot: Robot
+    path: Path
+    limits: MotionLimits
+    solver: str
+    law: TimeLaw
+    tolerance: Tolerance
+    rate: float
+    span: tuple[float, float] | None = None
+    scene: Scene | None = None
+    before: tuple[MotionLimits, float] | None = None
+    start_error: tuple[float, float, float] | None = None
+    stop_kind: StopKind | None = None
+    allow: tuple[str, ...] = ()
+    avoid: bool | SearchLike = False
+    winding: str = "exact"
+    unreachable: NoSolution | None = None
+
+    @property
+    def enforced(self) -> tuple[str, ...]:
+        """The limits that the motion must respect: those that its law enforces, and given ones that ``allow`` does not name."""
+        enforced = self.law.list_enforced(self.limits)
+        given = tuple(name for name in self.limits.given_names if name not in enforced)
+        return (*enforced, *required_limits(given, self.allow))
+
+    def certify_motion(
+        self,
+        joints: JointPath,
+        trajectory: Trajectory,
+        stretch_factor: float = 1.0,
+        analysis: MotionAnalysis | None = None,
+    ) -> Plan:
+        """Certify the law's motion, slowed by a factor, and return its plan, which is solved if the certificate is valid."""
+        started = perf_counter()
+        proof = certify(
+            self.robot, self.path, trajectory, self.limits, law=label(self.law), enforced=self.enforced, rate=self.rate,
+            tolerance=self.tolerance, span=self.span, scene=self.scene, before=self.before, analysis=analysis,
+        )  # fmt: skip
+        seconds = PlanSeconds(certificate=perf_counter() - started)
+        status, failure = judge_certificate(proof, self.law.list_enforced(self.limits))
+        return Plan(
+            self.robot, self.path, self.limits, status, self.solver, label(self.law), joints, failure, trajectory, proof,
+            stretch_factor, self.span, self.law.speed, self.scene, seconds, self.before, self.start_error, self.stop_kind,
+        )  # fmt: skip
+
+    def infeasible(
+        self, joints: JointPath | None, error: NoSolution, status: PlanStatus = PlanStatus.TIMING_INFEASIBLE
+    ) -> Plan:
+        """Return the plan without a motion, for the reason of an error."""
+        return self.fail(status, joints, PlanFailure.from_error(status, error))
+
+    def fail(self, status: PlanStatus, joints: JointPath | None, failure: PlanFailure) -> Plan:
+        """Return a plan without a motion; its joint path ends where following failed."""
+        return Plan(
+            self.robot, self.path, self.limits, status, self.solver, label(self.law), joints, failure, None, None,
+            scene=self.scene,
+        )  # fmt: skip
+
+    def refuse(self, joints: JointPath, proof: Certificate, advice: str) -> Plan:
+        """Return the plan of a motion that exceeds a limit, for ``strict=True``."""
+        field = max(proof.enforced, key=lambda f: np.nan_to_num(proof.worst(f)[0]))
+        ratio, joint, t = proof.worst(field)
+        s = proof.s_at(t)
+        what = f"the {field.replace('_', ' ')} of {joint} is {ratio:.9g} of its limit at t = {t:.6g} s"
+        if not ratio > 1.0:
+            what = proof.reasons[0]
+        failure = PlanFailure(PlanStatus.LIMITS_EXCEEDED, s, joint, f"{what}, and strict=True", advice)
+        return self.fail(PlanStatus.LIMITS_EXCEEDED, joints, failure)
+
+
+# ---------------- the planner of one motion
+
 
 PATH_FRACTION = 0.95
 """Fraction of the tolerance that the joint path may use. The law's polynomials in time use the remaining part."""
@@ -103,7 +207,7 @@ class MotionPlanner:
             found = planner._avoid(path, followed, ways, held)
         else:
             retime = None if planner is self and self._density(path) == 1.0 else self._retime
-            found = choose_path(planner, path, followed, self.request.scene, ways, held=held, retime=retime)
+            found = choose_on_path(planner, path, followed, self.request.scene, ways, held=held, retime=retime)
         if planner is not self and isinstance(path, FreePath) and (around or not found):
             found = self._time_again(found, path, followed)
         if _is_chosen(path) or isinstance(path, PointToPoint):
@@ -193,19 +297,19 @@ class MotionPlanner:
                 raw, optimum = law.run_with_optimum(joints, request.limits, density)
             else:
                 raw = law.run_with_analysis(joints, request.limits)
-            factor = stretch_factor(raw, request.limits, enforced)
+            factor = find_stretch_factor(raw, request.limits, enforced)
             if factor > 1.0 and self.strict:
                 proof = certify(request.robot, path, raw.trajectory, request.limits, enforced=enforced)
                 advice = f"strict=False slows the motion by {factor:.9g}; or another law"
                 return request.refuse(joints, proof, advice), None
-            motion = fit(raw, request.limits, enforced) if factor > 1.0 else raw
+            motion = stretch_analysed(raw, request.limits, enforced) if factor > 1.0 else raw
             trajectory, analysis = motion.trajectory, motion if duration is None else None
-            slowed = trajectory.duration / raw.trajectory.duration
+            stretch = trajectory.duration / raw.trajectory.duration
             if duration is not None:
                 trajectory = _scale_to_duration(trajectory, duration, law)
         except NoSolution as error:
             return request.infeasible(joints, error), None
-        return request.certify_motion(joints, trajectory, slowed, analysis), optimum
+        return request.certify_motion(joints, trajectory, stretch, analysis), optimum
 
     def _avoid(self, path: FreePath | PointToPoint, followed: FollowResult, ways: list[FreeWay], held: bool) -> Plan:
         """Return the fastest collision-free plan from the initial paths that are searched."""
@@ -213,7 +317,9 @@ class MotionPlanner:
         assert scene is not None
         search = DEFAULT_SEARCH if isinstance(request.avoid, bool) else request.avoid
         optimal = isinstance(request.law, Optimal)
-        best, made = choose_way(self, path, followed, scene, search, request.winding, ways, held=held, optimal=optimal)
+        best, made = choose_searched(
+            self, path, followed, scene, search, request.winding, ways, held=held, optimal=optimal
+        )
         if isinstance(best, PlanFailure):
             best = request.fail(PlanStatus(best.status), None, best)
         return replace(best, search=made, failure=advise_elbow(best.failure, best.path, request.robot))
@@ -300,4 +406,4 @@ def _scale_to_duration(trajectory: Trajectory, duration: float, law: TimeLaw) ->
             f"a duration of {duration:.6g} s is too short: the shortest motion of {law.name} takes {least:.4f} s",
             advice="a longer duration, or higher limits",
         )
-    return trajectory.slowed(duration / trajectory.duration)
+    return trajectory.stretched(duration / trajectory.duration)

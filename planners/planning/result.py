@@ -24,11 +24,10 @@ from planners.files import save
 from planners.following.follow import JointPath, PlanFailure
 from planners.following.resolve import Resolution
 from planners.limits import MotionLimits
-from planners.limits.least_duration import compute_least_duration
+from planners.limits.motion_limits import compute_least_duration
 from planners.motion import Motion, PlanStatus
-from planners.motion.event import Event, events_to_plain
-from planners.motion.plot import motion_card, plot_motion
-from planners.motion.show import show_motion
+from planners.motion.motion import Event, events_to_plain
+from planners.motion.show import motion_card, plot_motion, show_motion
 from planners.paths.base import Path
 from planners.ros.export import RosExport
 from planners.timing.base import StopKind, speed_bound
@@ -62,7 +61,7 @@ class Plan:
         The joint path, or on failure its valid part.
     failure : PlanFailure or None
         Where and why it failed: s, joint, reason, advice. There may be a motion too, for example with NOT_PROVED.
-    slowed : float
+    stretch_factor : float
         Factor by which the law's motion was slowed to meet the limits that the law enforces; 1 if it met them itself.
     span : (2,) tuple of float, or None
         The part of the path [m, or rad] that the motion covers, if it is not the whole path: after `replan`.
@@ -98,7 +97,7 @@ class Plan:
     failure: PlanFailure | None
     _trajectory: Trajectory | None
     _certificate: Certificate | None
-    slowed: float = 1.0
+    stretch_factor: float = 1.0
     span: tuple[float, float] | None = None
     speed: float | None = None
     scene: Scene | None = None
@@ -175,7 +174,7 @@ class Plan:
         path, why = self.path, self.failure
         failure = None if why is None else (why.s, why.joint, why.reason, why.advice)
         summary = plan_summary(
-            f"{self.status}: {self._title}", path, failure, self._certificate, self.slowed, self.least_duration
+            f"{self.status}: {self._title}", path, failure, self._certificate, self.stretch_factor, self.least_duration
         )
         parts = (self.slowness, self.resolution, self.freedom)
         return "\n".join([summary, *(str(part) for part in parts if part is not None)])
@@ -309,7 +308,7 @@ class Plan:
             out["stopping"] = {name: values.tolist() for name, values in self.stopping._asdict().items()}
         return out | {
             "duration": motion.duration,
-            "slowed": self.slowed,
+            "slowed": self.stretch_factor,
             "span": None if self.span is None else list(self.span),
             "speed": self.speed,
             "within_limits_from": self.within_limits_from,

@@ -11,9 +11,9 @@ import numpy as np
 
 from optik.check import check_number
 from optik.errors import InvalidInput
-from planners.certificate.sections import SectionTimes
+from planners.certificate.certification import SectionTimes
 from planners.following.joint_path import JointPath
-from planners.motion.event import Event, check_signal
+from planners.motion.motion import Event, check_signal
 from planners.paths.base import Path
 from planners.planning.result import Plan
 from planners.program.joining import Corner

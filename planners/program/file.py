@@ -39,8 +39,7 @@ from optik.arm.robot import Robot
 from optik.check import check_flag, check_number, locate_error
 from optik.errors import InvalidInput, OptikError
 from optik.file_io import decode_text, parse_toml, read_bytes
-from optik.plugins.files import is_path
-from optik.plugins.options import find_nearest_name
+from optik.plugins.files import find_nearest_name, is_path
 from optik.tables import read_table
 from optik.types import Array
 from planners.paths.arc import Arc
@@ -49,7 +48,7 @@ from planners.paths.polyline import Polyline
 from planners.paths.spline import Spline
 from planners.paths.waypoints import read_waypoints
 from planners.program.events import MOST_EVENTS, PASSED, PathEvent, PeriodicEvent, Scheduled, TimedEvent, find_part
-from planners.program.parts import KEEP, Dwell, Item, Move, Part, Program, ToolChange, displace, find_path
+from planners.program.parts import KEEP, Dwell, Item, Move, Part, Program, ToolChange, displace, make_part_path
 
 FILE_KEYS = ("robot", "start", "configurations", "frames", "part", "event")
 """Keys of a file."""
@@ -261,7 +260,7 @@ class _Reader:
                 pose = None if pose is None else pose @ se3.inverse(robot.tool) @ changed.tool
                 robot = changed
             elif isinstance(item, Part):
-                self.paths.append((item, find_path(item, pose)))
+                self.paths.append((item, make_part_path(item, pose)))
                 pose = _end_of(item, robot, pose)
         return items
 

@@ -15,9 +15,8 @@ from optik.ik import SolverLike, Tolerance, get_solver
 from optik.ik.problem import check_start
 from optik.scene import Scene
 from optik.types import Array
-from planners.certificate.sections import Conditions, conditions_for
-from planners.following.branches import find_branches
-from planners.following.collision import CollisionCheck
+from planners.certificate.certification import Conditions, conditions_for
+from planners.following.branches import CollisionCheck, find_branches
 from planners.following.failure import PlanFailure
 from planners.following.follow import FollowResult, follow
 from planners.following.joint_path import JointPath, cut_joints
@@ -32,7 +31,7 @@ from planners.paths.joint_line import JointLine
 from planners.paths.poses import NO_LENGTH
 from planners.paths.program import ProgramPath
 from planners.planning.result import Plan
-from planners.program.parts import Part, Program, ToolChange, find_path
+from planners.program.parts import Part, Program, ToolChange, make_part_path
 
 MOST_SAMPLES_A_PART = 31
 """Largest number of samples of each part for the IK method."""
@@ -53,7 +52,7 @@ PlanAlone = Callable[..., Plan]
 """`planners.plan` with the solver, the law and the criteria of the program, for a path or a goal and a start configuration."""
 
 
-class Options(NamedTuple):
+class FollowOptions(NamedTuple):
     """What a program is planned with."""
 
     solver: SolverLike
@@ -94,7 +93,7 @@ class PartFollower:
     robot: Robot
     program: Program
     alone: PlanAlone
-    options: Options
+    options: FollowOptions
 
     # ------------------------------------------------------------ following the parts
 
@@ -181,7 +180,7 @@ class PartFollower:
         if part.move != "joint":  # for which a configuration is chosen
             return None
         after = zip(self.program.parts[k + 1 :], self.robots[k + 1 :], strict=True)
-        paths = (find_path(other, part.goal) for other, arm in after if arm is robot)
+        paths = (make_part_path(other, part.goal) for other, arm in after if arm is robot)
         path = next((path for path in paths if path is None or path.end > NO_LENGTH), None)
         found = [] if path is None else self._find_starts(robot, path, q, rooms)
         if found:
@@ -220,7 +219,7 @@ class PartFollower:
                 path = JointCurve(goal.robot, goal.s, goal.q, goal.derivatives, breaks=goal.breaks)
             elif isinstance(goal, Path):
                 path = goal
-            elif (line := find_path(part, robot.fk(q))) is not None:
+            elif (line := make_part_path(part, robot.fk(q))) is not None:
                 path = line
             else:
                 end = check_start(robot, goal, "goal")
@@ -260,7 +259,7 @@ class PartFollower:
         parts, after = self.program.parts, self.robots[k + 1 : k + 2]
         if path.in_joints or parts[k].blend == 0.0 or after != [self.robots[k]] or parts[k + 1].avoid is not False:
             return None
-        further = find_path(parts[k + 1], path.pose(path.end))
+        further = make_part_path(parts[k + 1], path.pose(path.end))
         if further is None or isinstance(further, FreePath) or further.unit != path.unit or not further.end > 0.0:
             return None
         off = [np.abs(further(0.0, order) - path(path.end, order)).max() for order in range(4)]

@@ -292,7 +292,7 @@ def displace(pose: Array, goal: Any) -> Array:
     return nearest_pose(moved)
 
 
-def find_path(part: Part, pose: Array | None) -> Path | None:
+def make_part_path(part: Part, pose: Array | None) -> Path | None:
     """Return the path in space of a part that begins at a pose; None for a part in joint space, or if it is not known."""
     if not part.is_cartesian:
         return None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -16,19 +17,138 @@ from numpy.typing import ArrayLike
 from optik.arm.motors import from_maker, maker_names
 from optik.arm.robot import Robot
 from optik.check import check_number
-from optik.errors import InvalidInput
+from optik.errors import InvalidInput, NoSolution
 from optik.file_io import check_suffix, write_atomically
-from optik.scene.messages import LONGEST_DURATION
+from optik.scene.files import LONGEST_DURATION, NANOSECONDS
+from optik.types import Array
+from planners.certificate.analysis import JUMP, MotionAnalysis
 from planners.certificate.certificate import Certificate, check_valid
-from planners.certificate.checks import JUMP
+from planners.certificate.certification import conditions_of, cut_between, find_section_times
 from planners.certificate.violation import Allow, required_limits
 from planners.following.failure import joint_unit
-from planners.limits import DERIVATIVES
+from planners.limits import DERIVATIVES, SAME_SPEED
 from planners.motion import HasMotion, Motion, get_motion
-from planners.motion.event import events_to_plain
-from planners.ros.message import Form, quoted, to_text
-from planners.ros.pace import ADVICE, WHOLE_PERIOD, at_rest, find_judged_limits, fit_pace
-from planners.trajectory import Trajectory
+from planners.motion.motion import events_to_plain, find_stretch_factor
+from planners.paths.program import ProgramPath
+from planners.ros.message import Form, Times, message_of, quote_name, reconstruct, to_text
+from planners.trajectory import Trajectory, append_rest, map_joints
+from planners.trajectory.trajectory import POINTS, count_derivatives
+
+# ---------------- stretching to the limits after controller interpolation, and instants of points
+
+
+SLOWINGS = 20
+"""Largest number of slowings of a motion; two are usual."""
+WHOLE_PERIOD = Fraction(1, 2 * NANOSECONDS)
+"""Largest rounding error of a duration of whole periods [s]: 0.9 s is 90 periods of 100 per second, whatever its last bit."""
+NEAR_KNOT = 0.1
+"""Fraction of a period within which a point at a knot replaces that of the period: in shorter quintics rounding dominates."""
+ADVICE = "use a motion within its own limits, points at its knots, or a higher rate"
+"""Advice if the controller would exceed limits between the points."""
+
+
+def fit_pace(motion: Motion, form: Form, rate: float | None, strict: bool) -> tuple[dict[str, Any], MotionAnalysis]:
+    """Slow a motion until it respects the judged limits after controller interpolation."""
+    source, judged = motion.trajectory, find_judged_limits(motion, form)
+    between, stops = np.empty(0), np.empty(0)
+    if motion.speed is not None and rate is not None:
+        source, between = _hold_to_period(source, rate), source.knots
+    if isinstance(motion.path, ProgramPath):  # the arm rests at its stops only if points are there
+        found = find_section_times(motion.path, source, motion.span)[:-1]
+        stops = np.array([t for stop in found for t in (stop.rest, stop.end)])
+        between = between if rate is None else np.union1d(between, stops)
+    factor, margin = 1.0, 1e-12
+    for _ in range(SLOWINGS):
+        paced, times = _set_pace(source, rate, factor, between)
+        rests = stops * (paced.duration / source.duration)
+        message = message_of(paced, times, form, rests)
+        executed = reconstruct(message, form.names)
+        if form.motors is not None:
+            executed = map_joints(executed, form.motors.matrix, form.motors.offset)
+        analysis = MotionAnalysis(motion.robot, executed, motion.path)
+        needed = _find_stretch(motion, analysis, judged, rests)
+        if needed <= 1.0:
+            return message, analysis
+        _check_slowing(motion, executed.duration / source.duration * needed, strict)
+        factor, margin = executed.duration / source.duration * needed * (1.0 + margin), 10.0 * margin
+    reason = f"after controller interpolation the motion exceeds its limits even at {factor:.3g} times its duration"
+    raise NoSolution(reason, advice=ADVICE)
+
+
+def _find_stretch(motion: Motion, executed: MotionAnalysis, judged: tuple[str, ...], stops: Array) -> float:
+    """Return the stretch with which an executed motion respects its limits: for a program, the largest of its sections."""
+    path, trajectory = motion.path, executed.trajectory
+    if not isinstance(path, ProgramPath):
+        return find_stretch_factor(executed, motion.limits, judged)
+    which = path.find_sections((0.0, path.end) if motion.span is None else motion.span)
+    factors = [0.0]
+    for i, begin, end in zip(which, [0.0, *stops[1::2]], [*stops[::2], trajectory.end], strict=True):
+        limits, _ = conditions_of(path, i, motion.limits, None)
+        own = MotionAnalysis(path.robots[i], cut_between(trajectory, begin, end), path.sections[i])
+        factors.append(find_stretch_factor(own, limits, tuple(name for name in judged if name in limits.names)))
+    return max(factors)
+
+
+def find_judged_limits(motion: Motion, form: Form) -> tuple[str, ...]:
+    """Return the enforced limits that the interpolation can respect."""
+    possible = [kind.name for kind in motion.limits.kinds if kind.order <= count_derivatives(form.interpolation)]
+    return tuple(field for field in motion.enforced if field in possible)
+
+
+def at_rest(trajectory: Trajectory) -> tuple[bool, bool]:
+    """Return whether a motion starts at rest, and whether it ends at rest."""
+    slow = 1e-9 * float(trajectory.extrema(1).worst.max())
+    start, end = (bool((np.abs(trajectory(t, 1)) <= slow).all()) for t in (0.0, trajectory.end))
+    return start, end
+
+
+def _hold_to_period(trajectory: Trajectory, rate: float) -> Trajectory:
+    """Append rest to a motion, to the end of its last period."""
+    periods = Fraction(trajectory.duration) * Fraction(rate)
+    left = math.ceil(periods - WHOLE_PERIOD * Fraction(rate)) - periods
+    return append_rest(trajectory, float(left / Fraction(rate))) if left > WHOLE_PERIOD * Fraction(rate) else trajectory
+
+
+def _check_slowing(motion: Motion, needed: float, strict: bool) -> None:
+    exceeds = "after controller interpolation the motion exceeds its limits"
+    reason = f"{exceeds}; it would respect them at {needed:.9g} times its duration"
+    if strict:
+        raise NoSolution(reason, advice=f"pass strict=False, which slows it; or {ADVICE}")
+    if motion.speed is not None and needed > 1.0 + SAME_SPEED:
+        unit = "rad/s" if motion.path.turns_only else "m/s"
+        left = f"with a tool speed of {motion.speed / needed:.6g} {unit} instead of {motion.speed:.6g} {unit}"
+        advice = "use quintic interpolation, or pass keep_speed=False, which slows it"
+        raise NoSolution(f"{reason}, {left}", advice=advice)
+    if not at_rest(motion.trajectory)[0]:
+        raise NoSolution(f"{reason}, but it starts in motion and cannot be slowed", advice=ADVICE)
+
+
+def _set_pace(trajectory: Trajectory, rate: float | None, factor: float, between: Array) -> tuple[Trajectory, Times]:
+    """Return the motion slowed by at least a factor to whole periods or whole nanoseconds, and the times of the points [ns]."""
+    # Instants `between` the periods (k,) [s] are points too; they replace points at periods that are nearly there.
+    duration = Fraction(trajectory.duration) * Fraction(factor)
+    if rate is None:
+        times = np.rint(trajectory.knots * factor * NANOSECONDS).astype(np.int64)
+        times[-1] = math.ceil(duration * NANOSECONDS)
+    else:
+        periods = max(math.ceil((duration - WHOLE_PERIOD) * Fraction(rate)), 1)
+        if periods > POINTS:
+            raise InvalidInput("rate", f"{rate:.9g}, {periods} points", f"at most {POINTS} points")
+        times = np.rint(np.arange(periods + 1) * NANOSECONDS / rate).astype(np.int64)
+        if between.size:
+            more = np.rint(between * (times[-1] / trajectory.duration)).astype(np.int64)
+            near = np.abs(times[1:-1, None] - more).min(axis=1) < NEAR_KNOT * NANOSECONDS / rate
+            times = np.unique(np.concatenate([times[:1], times[1:-1][~near], times[-1:], more]))
+    if (np.diff(times) <= 0).any():
+        i = int(np.argmax(np.diff(times) <= 0))
+        got = f"{rate}, with points {i} and {i + 1} both at {times[i]} ns"
+        raise InvalidInput("rate", got, "points at least 1 ns apart" + ("" if rate else ": give a rate"))
+    stretched = float(Fraction(int(times[-1]), NANOSECONDS) / Fraction(trajectory.duration))
+    return (trajectory if stretched == 1.0 else trajectory.stretched(stretched)), times
+
+
+# ---------------- motions for ROS 2's joint_trajectory_controller without ROS
+
 
 JointNames = Mapping[str, str] | Sequence[str] | None
 
@@ -149,7 +269,7 @@ def ros_message(
 def _write_events(file: FilePath, motion: Motion, sent: RosExport) -> None:
     """Write the events of a motion, at their times in the motion that was sent, if it has some."""
     if motion.events:
-        text = json.dumps(events_to_plain([event.slowed(sent.factor) for event in motion.events]), indent=1)
+        text = json.dumps(events_to_plain([event.stretched(sent.factor) for event in motion.events]), indent=1)
         write_atomically(file, lambda part: part.write_text(text, encoding="utf-8"))
 
 
@@ -249,7 +369,7 @@ def _remarks(motion: Motion, rate: float | None, sent: RosExport) -> list[str]:
     at = f"at {rate:.9g} per second" if rate is not None else "at the knots of the motion"
     worst = {f: sent.certificate.worst(f)[0] for f in DERIVATIVES}
     remarks = [
-        f"{quoted(motion.robot.name)}, law {quoted(motion.law)}: {sent.points} points {at}",
+        f"{quote_name(motion.robot.name)}, law {quote_name(motion.law)}: {sent.points} points {at}",
         f"{sent.trajectory.duration:.9f} s: {sent.factor:.9g} times the {motion.trajectory.duration!r} s of the motion",
         "peak / limit after controller interpolation: " + ", ".join(f"{f} {r:.9g}" for f, r in worst.items()),
     ]

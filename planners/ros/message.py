@@ -13,11 +13,11 @@ from optik.arm.motors import Motors
 from optik.arm.plain import read_list
 from optik.errors import InvalidInput
 from optik.file_io import parse_json, parse_yaml
-from optik.scene.messages import NANOSECONDS, read_floats, read_time
+from optik.scene.files import NANOSECONDS, read_floats, read_time
 from optik.types import Array
 from planners.ros.replies import write_time
 from planners.trajectory import Trajectory
-from planners.trajectory.controller import count_derivatives, sample_states, trajectory_through
+from planners.trajectory.trajectory import count_derivatives, sample_states, trajectory_through
 
 Times = NDArray[np.int64]
 POINT_FIELDS = ("positions", "velocities", "accelerations")
@@ -151,8 +151,8 @@ def _to_yaml(message: dict[str, Any], remarks: list[str]) -> str:
     """Return block YAML with one line per list."""
     header = message["header"]
     lines = [f"# {remark}" for remark in remarks]
-    lines += ["header:", f"  stamp: {_yaml_time(header['stamp'])}", f"  frame_id: {quoted(header['frame_id'])}"]
-    lines += ["joint_names:", *(f"- {quoted(name)}" for name in message["joint_names"]), "points:"]
+    lines += ["header:", f"  stamp: {_yaml_time(header['stamp'])}", f"  frame_id: {quote_name(header['frame_id'])}"]
+    lines += ["joint_names:", *(f"- {quote_name(name)}" for name in message["joint_names"]), "points:"]
     for point in message["points"]:
         rows = [f"{field}: [{', '.join(map(_yaml_float, point[field]))}]" for field in (*POINT_FIELDS, "effort")]
         lines.append("- " + "\n  ".join([*rows, f"time_from_start: {_yaml_time(point['time_from_start'])}"]))
@@ -169,6 +169,6 @@ def _yaml_float(value: float) -> str:
     return f"{digits}.0e{power}" if e and "." not in digits else f"{digits}{e}{power}"
 
 
-def quoted(name: str) -> str:
+def quote_name(name: str) -> str:
     """Return a name in double quotes, as YAML and JSON escape it."""
     return json.dumps(name, ensure_ascii=False)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from optik.arm.robot import Robot
-from optik.scene.messages import NANOSECONDS
+from optik.scene.files import NANOSECONDS
 from optik.types import Array
 from planners.following.failure import joint_unit
 from planners.ros.replies import Feedback

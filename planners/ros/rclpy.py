@@ -8,7 +8,7 @@ from typing import Any
 
 from optik.check import check_number
 from optik.errors import MissingDependency
-from planners.ros.replies import ACTION, STATES, check_name
+from planners.ros.replies import ACTION, STATES, check_ros_name
 from planners.ros.transport import Goal, Transport
 
 NODE = "optik_drive"
@@ -39,8 +39,8 @@ class RclpyTransport(Transport):
 
     def __init__(self, *, action: str = ACTION, states: str = STATES, timeout: float = SERVER) -> None:
         super().__init__()
-        self.address = check_name(action, "action")
-        states = check_name(states, "states")
+        self.address = check_ros_name(action, "action")
+        states = check_ros_name(states, "states")
         timeout = check_number(timeout, "timeout", "seconds above 0", above=0.0)
         self._ros = _packages()
         self._context = self._ros["rclpy"].Context()

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from optik.errors import InvalidInput
-from optik.scene.messages import NANOSECONDS, read_fields, read_time
+from optik.scene.files import NANOSECONDS, read_fields, read_time
 from optik.types import Array
 
 ACTION = "/joint_trajectory_controller/follow_joint_trajectory"
@@ -65,9 +65,9 @@ def read_states(message: Any) -> States:
     """Read a ``sensor_msgs/JointState``."""
     message = read_fields(message, "joint state")
     names = _names(message.get("name"), "name")
-    positions = read_numbers(message.get("position"), len(names), "position")
+    positions = read_reply_numbers(message.get("position"), len(names), "position")
     given = message.get("velocity")
-    velocities = read_numbers(given, len(names), "velocity") if given else np.full(len(names), np.nan)
+    velocities = read_reply_numbers(given, len(names), "velocity") if given else np.full(len(names), np.nan)
     return States(read_stamp(message, "joint state"), names, positions, velocities)
 
 
@@ -80,7 +80,7 @@ def read_feedback(values: Any) -> Feedback:
     for field in ("positions", "velocities", "accelerations"):
         given = desired.get(field)
         if given or field == "positions":
-            rows[field] = read_numbers(given, len(names), f"desired.{field}")
+            rows[field] = read_reply_numbers(given, len(names), f"desired.{field}")
             if not np.isfinite(rows[field]).all():
                 raise InvalidInput(f"desired.{field}", repr(given)[:80], "finite numbers")
     velocities = rows.get("velocities", np.full(len(names), np.nan))
@@ -110,7 +110,7 @@ def write_time(stamp: int) -> dict[str, int]:
     return {"sec": stamp // NANOSECONDS, "nanosec": stamp % NANOSECONDS}
 
 
-def read_numbers(values: Any, count: int, field: str) -> Array:
+def read_reply_numbers(values: Any, count: int, field: str) -> Array:
     """Read a list of numbers; null, which JSON writes for NaN, is NaN."""
     good = isinstance(values, list | tuple) and len(values) == count
     if good and all(value is None or type(value) in (int, float) for value in values):
@@ -121,7 +121,7 @@ def read_numbers(values: Any, count: int, field: str) -> Array:
     raise InvalidInput(field, repr(values)[:80], f"{count} numbers")
 
 
-def check_name(name: str, argument: str) -> str:
+def check_ros_name(name: str, argument: str) -> str:
     """Check the name of a topic or an action."""
     parts = name.removeprefix("/").split("/") if isinstance(name, str) else [""]
     if not all(part.isidentifier() and part.isascii() for part in parts):

@@ -10,7 +10,7 @@ from urllib.parse import urlsplit
 
 from optik.check import check_number
 from optik.errors import InvalidInput, MissingDependency
-from planners.ros.replies import ACTION, ACTION_TYPE, STATES, STATES_TYPE, check_name
+from planners.ros.replies import ACTION, ACTION_TYPE, STATES, STATES_TYPE, check_ros_name
 from planners.ros.transport import Goal, Transport
 
 URL = "ws://127.0.0.1:9090"
@@ -53,8 +53,8 @@ class RosbridgeTransport(Transport):
         throttle: float = 0.0,
     ) -> None:  # fmt: skip
         super().__init__()
-        self.address, self.action = check_url(url), check_name(action, "action")
-        self._topic = check_name(states, "states")
+        self.address, self.action = check_url(url), check_ros_name(action, "action")
+        self._topic = check_ros_name(states, "states")
         timeout = check_number(timeout, "timeout", "seconds above 0", above=0.0)
         throttle = check_number(throttle, "throttle", "seconds, at least 0", least=0.0)
         self._ros = _roslibpy()

@@ -18,9 +18,7 @@ from optik.registry import ClassName
 from optik.scene import Scene
 from optik.scene.contact import check_scene
 from optik.types import Array
-from planners.search._corners import prove_corner
-from planners.search._edges import Body, Work, find_blocked, find_unproved, make_body, make_work
-from planners.search._trees import shorten
+from planners.search._trees import Body, Work, find_blocked, find_unproved, make_body, make_work, prove_corner, shorten
 
 MOST_CONFIGURATIONS = 10_000_000
 """Largest number of samples of a search: more would take hours."""

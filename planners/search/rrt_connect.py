@@ -8,7 +8,7 @@ import numpy as np
 
 from optik.check import check_count, check_number
 from optik.types import Array
-from planners.search._trees import connect, trace
+from planners.search._trees import connect, trace_tree
 from planners.search.base import JointSpace, Search, SearchAttempt
 
 NODES_OF_A_SAMPLE = 4
@@ -55,7 +55,7 @@ class RRTConnect(Search):
             done, first, last = connect(space.body, trees, samples, ranges, local, self.step, space.work)
             used += done
             if first >= 0:
-                return SearchAttempt(trace(trees, first, last), used)
+                return SearchAttempt(trace_tree(trees, first, last), used)
         return SearchAttempt(None, used)
 
 

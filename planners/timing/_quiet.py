@@ -16,7 +16,7 @@ from optik.types import Array
 from planners.certificate.analysis import MotionAnalysis
 from planners.following.joint_path import JointPath
 from planners.limits import MotionLimits
-from planners.motion.fit import fit
+from planners.motion.motion import stretch_analysed
 from planners.timing.base import refit
 from planners.trajectory import Trajectory
 from planners.trajectory.curve import quintic_through
@@ -73,7 +73,7 @@ def _fit_base(
         )
         ratios = {kind.name: float(np.nanmax(kind.judge(motion, bounds[kind.name]).ratio)) for kind in kinds}
         if max(ratios.values()) <= CLOSE:
-            return fit(motion, limits, enforced) if max(ratios.values()) > 1.0 else motion, optimum
+            return stretch_analysed(motion, limits, enforced) if max(ratios.values()) > 1.0 else motion, optimum
         for name, ratio in ratios.items():
             if ratio > 1.0:
                 base = base.scale(SPARE / ratio, (reduced if name == "jerk" else name,))

@@ -178,7 +178,7 @@ def _rise(along: Along, top: Array, slow: Array, step: int, x: Array) -> None:
 
 
 @compiled
-def compute_times(s: Array, v: Array, t: Array) -> None:
+def sweep_times(s: Array, v: Array, t: Array) -> None:
     """Compute the times of grid points: speeds are linear in time between them, except at the ends, where s̈ starts from 0.
 
     Shapes and units: s (m,) [m, rad], v (m,) [m/s, rad/s], t (m,) [s].
@@ -225,7 +225,7 @@ def _place(s: Array, t: Array, v: Array, x: float) -> float:
 def _smooth(along: Along, v: Array, slow: Array, t: Array, half: Array, out: Array) -> None:
     """Compute mean speeds (m,) over the time around each grid point."""
     m = v.shape[0]
-    compute_times(along.s, v, t)
+    sweep_times(along.s, v, t)
     _widths(along, v, slow, t, half)
     out[0], out[m - 1] = 0.0, 0.0
     for i in range(1, m - 1):
@@ -294,7 +294,7 @@ def _slow_down(t: Array, half: Array, ratio: Array, slow: Array) -> None:
 
 
 @compiled
-def sweep(along: Along, top: Array, rounds: int, close: float, out: Array) -> float:
+def sweep_path(along: Along, top: Array, rounds: int, close: float, out: Array) -> float:
     """Compute a motion from rest to rest that nearly respects the limits; return its largest excess ratio.
 
     Shapes and units: top (m,) [m/s, rad/s], close [1], out (4, m) [s]. Returns [1].
@@ -309,7 +309,7 @@ def sweep(along: Along, top: Array, rounds: int, close: float, out: Array) -> fl
         _rise(along, top, slow, 1, v)
         _rise(along, top, slow, -1, v)
         _smooth(along, v, slow, t, half, mean)
-        compute_times(along.s, mean, t)
+        sweep_times(along.s, mean, t)
         _accelerations(along.s, mean, t, a)
         worst = _ratios(along, mean, a, t, half, ratio)
         if worst <= close or k == rounds - 1:

@@ -265,9 +265,9 @@ class TimeLaw(ABC):
         if not self.enforced:
             return ()
         of = {"torque": "acceleration", "torque_rate": "jerk"}
-        slowed = [name for name in LOADED if of[name] in self.enforced and limits.value(name) is not None]
-        slowed += [name for name in limits.extra or () if kind_of(name).order < 3 or "jerk" in self.enforced]
-        return (*self.enforced, *(name for name in slowed if name not in self.enforced))
+        scaling = [name for name in LOADED if of[name] in self.enforced and limits.value(name) is not None]
+        scaling += [name for name in limits.extra or () if kind_of(name).order < 3 or "jerk" in self.enforced]
+        return (*self.enforced, *(name for name in scaling if name not in self.enforced))
 
 
 def find_moving(joint_path: JointPath) -> Flags:

@@ -14,8 +14,8 @@ from optik.types import Array, Flags, Indices
 from planners.certificate.analysis import MotionAnalysis
 from planners.following.follow import JointPath
 from planners.limits import ALL_LIMITS, MotionLimits, PathPoints
-from planners.motion.fit import fit, stretch_factor
-from planners.timing._sectional.ramps import (
+from planners.motion.motion import find_stretch_factor, stretch_analysed
+from planners.timing._sectional import (
     LEAST_FLAT,
     SHORTEST_PHASE,
     Ramp,
@@ -28,7 +28,7 @@ from planners.timing._sectional.ramps import (
     ratio_of,
 )
 from planners.timing.base import TimeLaw, refit, speed_bound
-from planners.timing.interior_point.programme import select_spaced, sweep
+from planners.timing.interior_point.programme import select_spaced, sweep_joint_path
 from planners.timing.interior_point.rows import derivatives
 from planners.timing.smooth import least_duration
 from planners.trajectory import Trajectory
@@ -92,7 +92,9 @@ class ConstantSpeed(TimeLaw):
         # widest ramps, scaled in time: the greatest speed of all, as a uniform scaling changes speeds alike
         widest = _find_widest(distance.table, self.ramp, shortest)
         built = _build(distance, widest)
-        fastest = fit(MotionAnalysis(joint_path.robot, built, joint_path.path), limits, self.list_enforced(limits))
+        fastest = stretch_analysed(
+            MotionAnalysis(joint_path.robot, built, joint_path.path), limits, self.list_enforced(limits)
+        )
         greatest = widest[0].v1 * built.duration / fastest.trajectory.duration
         if self.speed is None:
             _check_crawl(distance, widest, greatest)
@@ -110,7 +112,7 @@ class ConstantSpeed(TimeLaw):
                 advice=f"a speed of at most {_round_down(greatest):.6g}; {longer}or timing='optimal' with "
                 f"{turns}_speed={self.speed:.6g}, which slows at corners only",
             )  # fmt: skip
-        return fastest.slowed(greatest / self.speed)
+        return fastest.stretched(greatest / self.speed)
 
     def _quickest(self, distance: _Distance, speed: float, shortest: float) -> MotionAnalysis | None:
         """Return the motion with the shortest ramps to a speed; None if none of the tried ramps respects the limits."""
@@ -121,18 +123,21 @@ class ConstantSpeed(TimeLaw):
             if ramps is None:
                 return None
             motion = MotionAnalysis(joint_path.robot, _build(distance, ramps), joint_path.path)
-            excess = stretch_factor(motion, limits, enforced)
+            excess = find_stretch_factor(motion, limits, enforced)
             if excess <= 1.0:
                 return motion
             if self.speed is None and excess <= 1.0 / FIRST_ROOM:
-                return fit(motion, limits, enforced)
+                return stretch_analysed(motion, limits, enforced)
             room *= ROOM_LEFT / excess
         return None
 
 
 def _check_crawl(distance: _Distance, widest: list[Ramp], greatest: float) -> None:
     """Raise NoSolution if the motion at the greatest speed takes a thousand times as long as one that slows at corners."""
-    quick, slow = float(sweep(distance.joint_path, distance.limits)[1][0, -1]), float(distance.table.s[-1]) / greatest
+    quick, slow = (
+        float(sweep_joint_path(distance.joint_path, distance.limits)[1][0, -1]),
+        float(distance.table.s[-1]) / greatest,
+    )
     if slow <= CRAWL * quick:
         return
     found, _ = _find_worst(distance, widest, 2.0 * greatest)

@@ -15,7 +15,7 @@ from optik.types import Array
 from planners.certificate.analysis import MotionAnalysis
 from planners.following.follow import JointPath
 from planners.limits import ALL_LIMITS, DERIVATIVES, MotionLimits, kind_of, tool_limits_between
-from planners.motion.fit import FIRST_MARGIN, fit, fit_to_limits, is_within, match_start
+from planners.motion.motion import FIRST_MARGIN, is_within, match_start, stretch_analysed, stretch_to_limits
 from planners.timing._quiet import plan_quiet
 from planners.timing.base import QUIET, PathState, TimeLaw
 from planners.timing.interior_point import iteration
@@ -149,10 +149,10 @@ class Optimal(TimeLaw):
                 continue
             motion = MotionAnalysis(joint_path.robot, found.motion, joint_path.path)
             if loaded:  # after slowing by the estimated factor, one proof is usually enough
-                slowed = motion.slowed(max(found.slower, 1.0) * (1.0 + FIRST_MARGIN))
-                if is_within(slowed, limits, enforced):
-                    return slowed, found.optimum
-            return fit(motion, limits, enforced), found.optimum
+                stretched = motion.stretched(max(found.slower, 1.0) * (1.0 + FIRST_MARGIN))
+                if is_within(stretched, limits, enforced):
+                    return stretched, found.optimum
+            return stretch_analysed(motion, limits, enforced), found.optimum
         limit, joint, place, ratio = _find_worst_violation(start(joint_path, limits, self.intervals))
         raise NoSolution(
             f"the interior-point iteration found no motion; its start has {ratio:.4g} times the {limit} limit of {joint} at "
@@ -167,7 +167,9 @@ class Optimal(TimeLaw):
         problem = moving_programme(joint_path, limits, self.intervals, state, joint_path.end)
         found = None if problem is None else _solve(problem, SLOWDOWN_LOADED if at_rest else 0.0)
         if found is not None and at_rest:
-            return fit_to_limits(joint_path.robot, found.motion, limits, self.list_enforced(limits), joint_path.path)
+            return stretch_to_limits(
+                joint_path.robot, found.motion, limits, self.list_enforced(limits), joint_path.path
+            )
         if found is not None:
             return found.motion
         raise NoSolution(
@@ -282,7 +284,12 @@ def _solve(given: TimingProblem, close: float, weight: float = 1.0, most: int = 
         problem = given.problem
         K, rows = problem.ds.size, problem.node.shape[1] + 2 * problem.edge.shape[2]
         at = iteration.make_iterate(K, rows)
-        if iteration.solve(problem, z, weight, GAP / (2.0 * rows), most if found is None else WARM_ITERATIONS, at) < 0:
+        if (
+            iteration.solve_barrier(
+                problem, z, weight, GAP / (2.0 * rows), most if found is None else WARM_ITERATIONS, at
+            )
+            < 0
+        ):
             break
         motion = _motion(given, z)
         coarse = _find_departures(given, z) & (halvings < 4 * INTERVAL_HALVINGS)

@@ -10,7 +10,7 @@ from optik.check import check_number
 from optik.errors import InvalidInput
 from planners.following.follow import JointPath
 from planners.limits import MotionLimits
-from planners.motion.fit import stretch_factor
+from planners.motion.motion import find_stretch_factor
 from planners.timing.base import TimeLaw
 from planners.trajectory import Trajectory
 from planners.trajectory.curve import quintic_through
@@ -70,7 +70,7 @@ class Quintic(TimeLaw):
         float
             T [s].
         """
-        return self.duration * stretch_factor(self.run_with_analysis(joint_path, limits), limits)
+        return self.duration * find_stretch_factor(self.run_with_analysis(joint_path, limits), limits)
 
 
 METHOD = Quintic

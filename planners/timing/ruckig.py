@@ -12,9 +12,8 @@ from optik.types import Array
 from planners.certificate.analysis import MotionAnalysis
 from planners.following.follow import JointPath
 from planners.limits import ALL_LIMITS, MotionLimits
-from planners.motion.fit import fit
-from planners.timing._sectional.ramps import Ramp, constant_limits, law_of, make_table, phases_of, profile
-from planners.timing._sectional.sections import find_sections
+from planners.motion.motion import stretch_analysed
+from planners.timing._sectional import Ramp, constant_limits, find_sections, law_of, make_table, phases_of, profile
 from planners.timing.base import TimeLaw, refit
 from planners.timing.smooth import least_duration
 
@@ -72,7 +71,7 @@ class RuckigLaw(TimeLaw):
         else:
             law = law_of([Ramp(0.0, 0.0, joint_path.end, 0.0, 0.5, 0.5)], [_cross(joint_path.end, *constant)])
         motion = MotionAnalysis(joint_path.robot, refit(joint_path, law, bound["jerk"]), joint_path.path)
-        return fit(motion, limits, self.list_enforced(limits))
+        return stretch_analysed(motion, limits, self.list_enforced(limits))
 
 
 def _cross(length: float, speed: float, acceleration: float, jerk: float) -> Array:

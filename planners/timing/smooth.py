@@ -13,7 +13,7 @@ from optik.types import Array
 from planners.certificate.analysis import MotionAnalysis
 from planners.following.follow import JointPath
 from planners.limits import ALL_LIMITS, MotionLimits, PathPoints
-from planners.motion.fit import fit
+from planners.motion.motion import stretch_analysed
 from planners.timing.base import TimeLaw, find_moving, refit, refuse_free_motion
 from planners.trajectory.curve import find_times
 
@@ -36,7 +36,7 @@ class Smooth(TimeLaw):
         c = joint_path.end * QUINTIC / duration ** np.arange(5, -1, -1)
         law = scipy.interpolate.PPoly(c[:, None], np.array([0.0, duration]), extrapolate=True)
         motion = MotionAnalysis(joint_path.robot, refit(joint_path, law, bound["jerk"]), joint_path.path)
-        return fit(motion, limits, self.list_enforced(limits))
+        return stretch_analysed(motion, limits, self.list_enforced(limits))
 
 
 def least_duration(joint_path: JointPath, limits: MotionLimits, instants: int = 1001) -> float:

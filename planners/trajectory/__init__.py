@@ -11,6 +11,7 @@ from planners.trajectory.trajectory import (
     make_rest,
     map_joints,
     shift_pieces,
+    simulate_controller,
     without_rounding,
 )
 
@@ -25,5 +26,6 @@ __all__ = [
     "make_rest",
     "map_joints",
     "shift_pieces",
+    "simulate_controller",
     "without_rounding",
 ]

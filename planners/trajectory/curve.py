@@ -315,10 +315,8 @@ def whole_extrema(value: Array, when: Array, knots: Array, out: Array) -> None:
                 if value[order, k, j, 1] > value[order, high, j, 1]:
                     high = k
             out[order, 0, j], out[order, 1, j] = value[order, low, j, 0], value[order, high, j, 1]
-            out[order, 2, j], out[order, 3, j] = (
-                knots[low] + when[order, low, j, 0],
-                knots[high] + when[order, high, j, 1],
-            )
+            out[order, 2, j] = knots[low] + when[order, low, j, 0]
+            out[order, 3, j] = knots[high] + when[order, high, j, 1]
 
 
 @compiled

@@ -18,8 +18,7 @@ from typer.testing import CliRunner
 
 import optik
 from benchmarks.blocks.block import Entry
-from benchmarks.blocks.contest import Contestant
-from benchmarks.blocks.rounds import callers_of, timed_part
+from benchmarks.blocks.contest import Contestant, callers_of, timed_part
 from benchmarks.cli.app import app
 from benchmarks.peers import worker as workers
 from benchmarks.peers.base import Absent, Failed
@@ -108,7 +107,7 @@ def test_a_method_that_does_not_support_the_arm_is_refused_and_the_others_run() 
 
 
 def test_wrong_options_are_no_refusal() -> None:
-    from benchmarks.blocks.rounds import build_ours
+    from benchmarks.blocks.contest import build_ours
 
     with pytest.raises(InvalidInput, match="dampnig"):
         build_ours(Entry("x", "dls", {"dampnig": 1.0}), ARM)

@@ -17,11 +17,20 @@ import pytest
 
 import optik
 from benchmarks.blocks.base import Session, load_kind
-from benchmarks.blocks.cell.settings import CellBlock, Noise
-from benchmarks.blocks.cell.spots import Spots, SpotTrials, answers_along, errors_of, plan_through
-from benchmarks.blocks.cell.trials import facts_of, plant_of, trial_of
+from benchmarks.blocks.cell import (
+    CellBlock,
+    Noise,
+    Spots,
+    SpotTrials,
+    answers_along,
+    errors_of,
+    plan_through,
+    plant_of,
+    trial_facts,
+    trial_of,
+)
 from benchmarks.experiments.base import FAILS, HOLDS, PARTLY, UNTESTED
-from benchmarks.experiments.executed import executed_claims, needed_budgets
+from benchmarks.experiments.claims import executed_claims, needed_budgets
 from benchmarks.records import RunFolder
 from benchmarks.report.base import Run, load_report
 from benchmarks.report.page import write_report
@@ -29,7 +38,7 @@ from benchmarks.run import run_suite
 from benchmarks.suite import Suite, suite_of
 from optik.errors import InvalidInput, UnknownName
 from optik.ik import make_solver
-from planners.cell.error_split import ErrorSplit
+from planners.cell.outcome import ErrorSplit
 from planners.paths.line import Line
 
 START = [20, -35, 40, 25, 50, -30]
@@ -365,13 +374,15 @@ def test_facts_of_an_execution_are_those_of_its_arrays() -> None:
     off[len(off) // 2, 3] = 1e-3
     object.__setattr__(moved, "q", execution.q + off)
     object.__setattr__(moved, "torque", np.full_like(execution.q, 2.0))
-    facts = facts_of(moved)
+    facts = trial_facts(moved)
     assert facts["tracking_rad"] == pytest.approx(1e-3, rel=1e-3)
     assert facts["tracking_joint"] == robot.joint_names[3]
     way = np.abs(execution.q[-1] - execution.q[0]).sum()
     assert facts["energy"] == pytest.approx(2.0 * way, rel=1e-3)  # constant torque times the way of each joint
     object.__setattr__(moved, "torque", np.full_like(execution.q, -2.0))
-    assert facts_of(moved)["energy"] == pytest.approx(0.0, abs=1e-6)  # all joints brake, and braking gives nothing back
+    assert trial_facts(moved)["energy"] == pytest.approx(
+        0.0, abs=1e-6
+    )  # all joints brake, and braking gives nothing back
     bound = np.abs(execution.plan.certificate.torque.value)
     assert facts["torque_ratio"] == pytest.approx(2.0 / bound.min(), rel=1e-12)
-    assert facts_of(execution)["torque_ratio"] is None
+    assert trial_facts(execution)["torque_ratio"] is None

@@ -315,7 +315,11 @@ def test_a_table_of_positions_names_the_interpolation(tmp_path: Path, typed: Any
 def test_a_saved_motion_is_read_exactly_with_its_payloads(tmp_path: Path, typed: Any) -> None:
     arm = optik.load("ur5e").with_payload(2.0)
     limits = planners.MotionLimits.of(arm, acceleration=10.0, jerk=100.0)
-    items = [planners.Part(planners.Move([0.0, 0.0, 0.1])), planners.ToolChange(payload=1.0), planners.Part(HOME)]
+    items = [
+        planners.Part(planners.program.Move([0.0, 0.0, 0.1])),
+        planners.program.ToolChange(payload=1.0),
+        planners.Part(HOME),
+    ]
     plan = planners.plan(arm, planners.Program(items), HOME, limits=limits)
     given = ["--acceleration", "10", "--jerk", "100"]
     for name in ("m.csv", "m.json"):

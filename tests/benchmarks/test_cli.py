@@ -17,7 +17,7 @@ from typer.testing import CliRunner, Result
 import optik
 import planners
 from benchmarks.cli.app import app
-from benchmarks.cli.certificate import describe_effort
+from benchmarks.cli.plan import describe_effort
 from optik.registry import names
 from tests.benchmarks.conftest import optik_process
 from tests.oracles import REPOSITORY

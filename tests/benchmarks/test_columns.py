@@ -6,7 +6,7 @@ from typing import Any
 import polars as pl
 import pytest
 
-from benchmarks.blocks.columns import (
+from benchmarks.blocks.block import (
     Column,
     count,
     largest,

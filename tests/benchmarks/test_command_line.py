@@ -17,8 +17,8 @@ from typer.main import get_command
 import optik
 import planners
 from benchmarks.cli.app import app
+from benchmarks.cli.command import translate
 from benchmarks.cli.runs import FEWEST_PARTS, make_progress, update_progress
-from benchmarks.cli.words import translate
 from optik.arm.library import read_home, robot_from_toml
 from optik.arm.model import unit_factors
 from optik.errors import InvalidInput
@@ -308,6 +308,12 @@ def test_a_joint_beside_the_arm_is_held_and_one_that_cannot_be_is_named(typed: A
     assert status == 0, said
     held = planners.load_motion(out).robot.shapes
     assert held.m == 1 and held == optik.load(f"{arm}#shapes=yes&tip=tool", values={"grip": 0.5}).shapes
+    suite = tmp_path / "own.toml"
+    assert typed("bench", "new", str(suite), *words[2:4], "--hold", "grip=0.5")[0] == 0
+    named = re.search(r'robot = "\./(.*)"', suite.read_text())
+    assert named and optik.load(str(tmp_path / named[1])).shapes == held
+    with pytest.raises(optik.errors.InvalidInput, match="hold: expected JOINT:VALUE"):
+        optik.load(f"{arm}#tip=tool&hold=grip")
     for text, part in (
         ("grip=30", "[-1, 1] rad; got grip = 30 rad"),  # as the option
         ("grp=0", "grip"),

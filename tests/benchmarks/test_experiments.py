@@ -11,10 +11,15 @@ import polars as pl
 import pytest
 
 from benchmarks.experiments.base import FAILS, HOLDS, PARTLY, UNTESTED
-from benchmarks.experiments.claims import CLAIMS, judge
-from benchmarks.experiments.motion import on_the_line, smooth_joints
-from benchmarks.experiments.sweeps import damping_trade, start_and_step
-from benchmarks.experiments.workspace import fit, linear_error, more_iterations, within_two_millimetres
+from benchmarks.experiments.claims import (
+    CLAIMS,
+    damping_trade,
+    judge_claims,
+    on_the_line,
+    smooth_joints,
+    start_and_step,
+)
+from benchmarks.experiments.workspace import fit_line, linear_error, more_iterations, within_two_millimetres
 from benchmarks.records import RunFolder
 from benchmarks.report import write_report
 from benchmarks.run import run_suite
@@ -244,13 +249,13 @@ def test_claim_g_holds_everywhere_at_the_samples_or_not() -> None:
 @pytest.mark.parametrize("power", [0.5, 1.0, 2.0])
 def test_a_power_law_is_recovered(power: float) -> None:
     d = np.random.default_rng(1).uniform(0.05, 0.5, 500)
-    found = fit(d, 0.2 * d**power)
+    found = fit_line(d, 0.2 * d**power)
     assert found.exponent == pytest.approx(power, abs=0.05)
     assert found.linear == (power == 1.0)
 
 
 def test_every_claim_is_judged_once_and_what_is_not_there_is_not_tested(small_run: RunFolder) -> None:
-    findings = {f.key: f for f in judge(small_run)}
+    findings = {f.key: f for f in judge_claims(small_run)}
     assert list(findings) == ["a", "b", "c", "d", "e", "f", "g"]
     assert len(CLAIMS) == 7
     assert findings["d"].verdict == findings["e"].verdict == UNTESTED

@@ -71,6 +71,12 @@ def test_a_small_arm_follows_points_or_points_and_axes(typed: Any, freedoms: tup
     assert words in flat and ("µrad" in flat) is bool(words)
 
 
+def test_a_small_arm_that_cannot_follow_a_pose_is_told_the_option(typed: Any) -> None:
+    start = ("--robot", "wx200", "--start-deg=12,17,-23,29,17", "--move=-0.05,0.06,0.03")
+    status, out, said = typed("plan", "line", *start, "--velocity", "2", "--acceleration", "10", "--jerk", "100")
+    assert status == 1 and "--free turn,tilt, which asks the tool's point alone; or" in " ".join((out + said).split())
+
+
 def test_another_law_says_what_it_does_with_freedoms(typed: Any) -> None:
     status, out, _ = typed(*LINE, "--free", "tilt=10", "--timing", "toppra")
     assert status == 0

@@ -14,8 +14,7 @@ import pytest
 
 import optik
 from benchmarks.blocks.block import Entry
-from benchmarks.blocks.contest import Contestant
-from benchmarks.blocks.rounds import Rounds, timed_part
+from benchmarks.blocks.contest import Contestant, Rounds, timed_part
 from benchmarks.peers.ik.base import Solutions
 from benchmarks.problems.near_start import near_start
 from benchmarks.records import Journal, RunFolder

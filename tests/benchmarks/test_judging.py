@@ -15,7 +15,7 @@ import pytest
 import optik
 from benchmarks.blocks.base import load_kind
 from benchmarks.blocks.calls import CallRows, timed_by_first_round
-from benchmarks.blocks.judgement import JUDGED_AT, judged, solved_at
+from benchmarks.blocks.entries import JUDGED_AT, judged, solved_at
 from benchmarks.records import RunFolder
 from benchmarks.report.base import Run, load_report
 from benchmarks.report.calls import block_winners, by_sigma, profile_costs

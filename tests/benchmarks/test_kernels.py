@@ -14,8 +14,7 @@ from numba.core.registry import cpu_target
 from benchmarks.cli.installation import KernelsCommand
 from benchmarks.kernels import build, parts
 from optik.compiled import archive, compiled
-from optik.compiled.cache import read_code
-from optik.compiled.fingerprint import VERSIONS
+from optik.compiled.cache import VERSIONS, read_code
 from optik.errors import InvalidInput, OutputError
 from optik.file_io import locked
 from optik.linear import cholesky_solve, copy_matrix, copy_vector
@@ -44,7 +43,7 @@ def test_the_list_says_why_a_kernel_was_compiled_here(
     assert len(found) > 2
     (print0, code0, name0), (_, code1, name1) = found[:2]
     shipped = {print0: (name0, code0), "0" * 64: (name1, code1)}
-    archive.pack(tmp_path / archive.file_name(), VERSIONS, target._replace(cpu="generic"), shipped)
+    archive.pack_archive(tmp_path / archive.file_name(), VERSIONS, target._replace(cpu="generic"), shipped)
     out = listed()
     assert out["shipped"].startswith("2 kernels for generic")
     assert out["shipped"].endswith(" used")
@@ -52,7 +51,7 @@ def test_the_list_says_why_a_kernel_was_compiled_here(
     assert why.pop(name0) == "compiled here although shipped"
     assert "damaged" in why.pop(name1)
     assert set(why.values()) == {"not shipped for these arguments"}
-    archive.pack(tmp_path / archive.file_name(), ["numba 0.1"], target, shipped)
+    archive.pack_archive(tmp_path / archive.file_name(), ["numba 0.1"], target, shipped)
     out = listed()
     assert "numba 0.1" in out["shipped"]
     assert {row["why"] for row in out["cached"]} == {"the shipped kernels are not used here"}

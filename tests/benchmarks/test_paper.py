@@ -12,7 +12,7 @@ import pytest
 
 from benchmarks.blocks.base import load_kind
 from benchmarks.experiments.base import COUNTERPARTS, PAPER_TITLE
-from benchmarks.experiments.claims import judge
+from benchmarks.experiments.claims import judge_claims
 from benchmarks.records import RunFolder
 from benchmarks.report import write_report
 from benchmarks.report.base import Run, Winner, load_report
@@ -120,7 +120,7 @@ def test_the_fastest_law_is_the_shortest_of_those_that_keep_every_limit(run: Run
 
 def test_figures_of_the_claims_are_what_the_files_hold(run: Run) -> None:
     path = run.folder.path
-    found = {f.key: f for f in judge(run.folder)}
+    found = {f.key: f for f in judge_claims(run.folder)}
     share, missed, median = plain_demo.claim_a(path)
     assert f"{share:.1f} % of" in found["a"].summary
     assert re.search(rf"\b{missed}\b.*\b{median:.0f} mm", found["a"].summary)

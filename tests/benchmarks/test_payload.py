@@ -10,10 +10,10 @@ import polars as pl
 import pytest
 
 import optik
-from benchmarks.blocks.arms import SCENES, scene_named
 from benchmarks.blocks.base import load_kind
 from benchmarks.blocks.block import Target
 from benchmarks.blocks.clearance import PROOF
+from benchmarks.blocks.entries import SCENES, scene_named
 from benchmarks.blocks.timing.motions import draw_motion
 from benchmarks.blocks.timing.settings import LawBlock
 from benchmarks.blocks.timing.timers import line_rows

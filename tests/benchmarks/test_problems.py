@@ -16,17 +16,17 @@ import pytest
 from scipy.optimize import least_squares
 
 import optik
-from benchmarks.problems._reference import known_solutions
 from benchmarks.problems.base import (
     SETS,
     START_KINDS,
     ProblemSet,
+    known_solutions,
     put_at_zero,
     put_on_limits,
+    random_stream,
     singular,
     start_configurations,
     start_of,
-    stream,
 )
 from benchmarks.problems.hard import hard
 from optik import DHRow, JointLimits, Robot
@@ -195,8 +195,11 @@ def test_a_hash_is_the_same_in_another_process_and_out_of_the_table_of_a_run(tmp
 
 def test_starts_are_where_their_kind_says() -> None:
     robot = optik.load("paper6r")
-    q = robot.limits.sample(stream(shift_seed(4), "q"), 300)
-    at = {kind: start_configurations(robot.limits, stream(shift_seed(4), kind), q, kind, 0.1) for kind in START_KINDS}
+    q = robot.limits.sample(random_stream(shift_seed(4), "q"), 300)
+    at = {
+        kind: start_configurations(robot.limits, random_stream(shift_seed(4), kind), q, kind, 0.1)
+        for kind in START_KINDS
+    }
     for starts in at.values():
         assert robot.limits.contains(starts).all()
     half = robot.limits.half
@@ -267,7 +270,7 @@ def test_nothing_lies_beyond_the_boundary_and_no_free_joint_leads_there(name: st
     robot, arm = optik.load(name), oracles.table(name)
     problems = drawn("at_boundary", robot, count=8, spread=1e-12)
     q, p = problems.starts, problems.targets[:, :3, 3]
-    d = stream(4, "at_boundary", "directions").normal(size=(8, 3))
+    d = random_stream(4, "at_boundary", "directions").normal(size=(8, 3))
     d /= np.linalg.norm(d, axis=1, keepdims=True)
     others = oracles.fk(
         arm, np.random.default_rng(1).uniform(robot.limits.lower, robot.limits.upper, (20_000, robot.n))

@@ -11,8 +11,7 @@ import optik
 import planners
 from benchmarks.cli.app import app
 from planners.cell.drives.ideal import METHOD as Ideal
-from planners.cell.show import show_execution
-from planners.cell.stored import restore_plan
+from planners.cell.show import restore_plan, show_execution
 from planners.motion.show import show_motion
 from tests.oracles import REPOSITORY
 

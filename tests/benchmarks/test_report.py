@@ -17,14 +17,13 @@ import numpy as np
 import polars as pl
 import pytest
 
-from benchmarks.blocks.arms import JOINT_LIMITS
 from benchmarks.blocks.base import add_keys, load_kind
+from benchmarks.blocks.entries import JOINT_LIMITS
 from benchmarks.records import RunFolder
 from benchmarks.report import write_report
 from benchmarks.report.base import Run, load_report
-from benchmarks.report.boards import strict
-from benchmarks.report.figures import figure
-from benchmarks.report.numbers import number
+from benchmarks.report.boards import figure, strict
+from benchmarks.report.tables import number
 from benchmarks.report.timing import limitations
 from benchmarks.report.timing.joints import add_friction
 from benchmarks.report.timing.line import broken_limits, describe_limits, law_control

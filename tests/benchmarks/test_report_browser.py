@@ -15,7 +15,7 @@ import pytest
 from benchmarks.records import RunFolder
 from benchmarks.report import budgets, write_report
 from benchmarks.report.base import QUESTION, Section, Winner
-from benchmarks.report.figures import METHOD_COLOURS, method_dash
+from benchmarks.report.boards import METHOD_COLOURS, method_dash
 from benchmarks.report.tables import Column, Table
 from tests.benchmarks.browser import CHROMIUM, Browser
 

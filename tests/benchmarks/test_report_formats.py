@@ -21,24 +21,36 @@ from benchmarks.cli.app import app
 from benchmarks.records import RunFolder
 from benchmarks.report import budgets, timing
 from benchmarks.report.base import Run, Winner
-from benchmarks.report.boards import Board, Control, packed
-from benchmarks.report.figures import add, band, entry, figure, heatmap, lean, line, log_axis, steps_of, variable
+from benchmarks.report.boards import (
+    Board,
+    Control,
+    add,
+    band,
+    entry,
+    figure,
+    heatmap,
+    lean,
+    line,
+    log_axis,
+    packed,
+    steps_of,
+    variable,
+)
 from benchmarks.report.formats import draw
-from benchmarks.report.numbers import listed
-from benchmarks.report.page import render
+from benchmarks.report.page import Ranked, ranked, render, winners_table, won
 from benchmarks.report.tables import (
     Column,
     ShownCell,
     Table,
     csv_of,
     escaped,
+    listed,
     markdown_of,
     shown_cell,
     shown_rows,
     tex_of,
     written,
 )
-from benchmarks.report.winners import Ranked, ranked, winners_table, won
 from benchmarks.statistics import holm, mcnemar_p, percentage, signed_rank
 from optik.errors import InvalidInput, MissingDependency
 from tests.outside import hide

@@ -15,7 +15,7 @@ from benchmarks.blocks.contest import version_words
 from benchmarks.blocks.entries import check_set
 from benchmarks.records import RunFolder
 from benchmarks.report.base import Run, load_report
-from benchmarks.report.budgets.accuracy import choose
+from benchmarks.report.budgets.accuracy import choose_dampings
 from benchmarks.report.calls.tables import conspicuous
 from benchmarks.run import run_suite
 from benchmarks.suite import suite_of
@@ -98,9 +98,9 @@ def test_the_fastest_of_those_that_none_is_surely_better_than_is_chosen() -> Non
         "c": figures(10, 20, 30, 2.0),  # fast, but surely worse
         "d": figures(92, 96, 98, float("nan")),
     }
-    assert choose(constants, found) == ["a", "b"]
+    assert choose_dampings(constants, found) == ["a", "b"]
     found["a"]["high"] = 92.0
-    assert choose(constants, found) == ["b"]
+    assert choose_dampings(constants, found) == ["b"]
 
 
 def test_the_advice_is_of_the_rows(tmp_path: Path) -> None:

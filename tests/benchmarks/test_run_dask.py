@@ -21,7 +21,7 @@ import pytest
 from polars.testing import assert_frame_equal
 
 from benchmarks.run import run_suite
-from benchmarks.run.cluster import warn_of_plain_text
+from benchmarks.run.pool import warn_of_plain_text
 from optik.errors import InvalidInput
 from tests.benchmarks.test_run_folder import state, toy
 from tests.benchmarks.test_run_workers import until
@@ -74,7 +74,7 @@ def test_an_address_where_nobody_answers_is_one_line_within_seconds(
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
-    monkeypatch.setattr("benchmarks.run.cluster.CONNECT_SECONDS", 1.0)
+    monkeypatch.setattr("benchmarks.run.pool.CONNECT_SECONDS", 1.0)
     begin = time.monotonic()
     for wrong in (f"127.0.0.1:{port}", "tls://127.0.0.1:1", "nonsense://x", "host"):
         with pytest.raises(InvalidInput, match=re.escape(wrong)) as caught:
@@ -157,7 +157,7 @@ def test_two_workers_are_faster_than_one(tmp_path: Path) -> None:
 def test_the_command_says_a_wrong_address_in_one_line(
     tmp_path: Path, typed: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("benchmarks.run.cluster.CONNECT_SECONDS", 1.0)
+    monkeypatch.setattr("benchmarks.run.pool.CONNECT_SECONDS", 1.0)
     status, _, said = typed("bench", "run", "paper", "--out", str(tmp_path / "run"), "--dask", "10.255.255.1:1")
     assert status == 2
     lines = said.strip().splitlines()

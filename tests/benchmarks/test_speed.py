@@ -17,9 +17,8 @@ import optik
 from benchmarks.blocks.base import load_kind
 from benchmarks.blocks.block import Entry, Target, TargetOutcome, measure_named
 from benchmarks.blocks.calls import MEASURES, CallRows, median_ratio
-from benchmarks.blocks.contest import Contestant, ProcessFailed, fresh, timed
-from benchmarks.blocks.judgement import judged, shared, wrapped
-from benchmarks.blocks.rounds import timed_part
+from benchmarks.blocks.contest import Contestant, ProcessFailed, fresh, timed, timed_part
+from benchmarks.blocks.entries import judged, shared, wrapped
 from benchmarks.peers.base import Absent
 from benchmarks.peers.ik import PEERS
 from benchmarks.peers.ik.base import Solutions, SolverPeer

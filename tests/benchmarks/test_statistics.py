@@ -13,7 +13,7 @@ import pytest
 from scipy.stats import binomtest
 
 from benchmarks.blocks.budgets import succeeded, success
-from benchmarks.blocks.judgement import shared
+from benchmarks.blocks.entries import shared
 from benchmarks.report.budgets import METHOD_COLUMNS
 from benchmarks.statistics import (
     binned,

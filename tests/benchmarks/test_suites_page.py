@@ -22,7 +22,7 @@ from benchmarks.records import RunFolder
 from benchmarks.suite import SUITES, load_suite
 from docs import suite_keys
 from optik.errors import InvalidInput, OutputError, UnknownName
-from optik.plugins.options import defaults
+from optik.plugins.files import defaults
 from optik.registry import load_method, own_names
 from tests.oracles import REPOSITORY
 

@@ -19,15 +19,14 @@ from scipy.optimize import linprog
 
 from benchmarks.blocks.base import load_kind
 from benchmarks.blocks.block import Target
-from benchmarks.blocks.timing.detail import maximum_velocity
 from benchmarks.blocks.timing.motions import DrawnLine, draw_motion
-from benchmarks.blocks.timing.timers import line_rows
+from benchmarks.blocks.timing.timers import line_rows, maximum_velocity
 from benchmarks.peers.base import Absent, Answer
 from benchmarks.peers.laws import TIMING_PEERS
 from benchmarks.peers.laws.base import TimingPeer, peer_limits
 from benchmarks.records import RunFolder
 from benchmarks.report.base import Run, load_report
-from benchmarks.report.numbers import ratio
+from benchmarks.report.tables import ratio
 from benchmarks.report.timing import kind_winners
 from benchmarks.run import run_suite
 from benchmarks.suite import Suite, suite_of

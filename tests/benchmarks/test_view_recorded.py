@@ -14,7 +14,7 @@ import pytest
 import optik
 import planners
 from optik.errors import NoSolution, OptikError
-from planners.cell.recorded import FAILED_PLAN, failed_plan_data, show_recorded
+from planners.cell.show import FAILED_PLAN, failed_plan_data, show_recorded
 from planners.following.failure import PlanFailure
 from planners.plan import PlanStatus
 

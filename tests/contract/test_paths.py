@@ -16,8 +16,8 @@ from optik.errors import InvalidInput, UnknownName
 from optik.ik import make_solver
 from optik.registry import load_method, short_name
 from optik.types import Array
-from planners import Arc, JointLine, Line, Path, PointToPoint, Polyline, Spline, ViaPoint, follow, free, make_path, plan
-from planners.paths import path_of
+from planners import Arc, JointLine, Line, Path, PointToPoint, Polyline, Spline, follow, free, plan
+from planners.paths import ViaPoint, make_path, path_of
 from planners.paths.joint_curve import JointCurve
 from planners.paths.program import ProgramPath
 from planners.paths.stretch import Stretch

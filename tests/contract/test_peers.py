@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import optik
-from benchmarks.blocks.judgement import judged
+from benchmarks.blocks.entries import judged
 from benchmarks.peers.base import Absent
 from benchmarks.peers.ik import PEERS
 from benchmarks.peers.ik.base import SolverPeer

@@ -12,7 +12,8 @@ import optik
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners import Arc, JointLine, Line, MotionLimits, Path, Plan, PlanStatus, Polyline, laws, plan, replan
+from planners import Arc, JointLine, Line, MotionLimits, Path, Plan, Polyline, laws, plan, replan
+from planners.planning import PlanStatus
 from tests import oracles
 from tests.robots import marked
 
@@ -276,7 +277,7 @@ def test_the_oracle_sees_every_other_figure_that_is_not_so() -> None:
         vars(changed).update(change)  # also what is computed when it is read
         bad = replace(result, _certificate=changed)
         assert oracles.contradictions(bad, q, 1e5, 4_000), change
-    slower = replace(result, _trajectory=result.trajectory.slowed(1.001))
+    slower = replace(result, _trajectory=result.trajectory.stretched(1.001))
     assert oracles.contradictions(slower, q, 1e5, 4_000)
     assert oracles.contradictions(result, q + 1e-6 if q is not None else np.zeros(6), 1e5, 4_000)
 

@@ -230,7 +230,7 @@ def test_a_measured_state_that_noise_hides_from_the_end_is_continued() -> None:
 def test_a_measured_state_on_the_path_but_off_the_motion_is_begun_exactly(
     running: Plan, factor: float, stop: bool
 ) -> None:
-    slower = running.trajectory.slowed(1.0 / factor)
+    slower = running.trajectory.stretched(1.0 / factor)
     state = tuple(slower(0.5 * slower.end, order) for order in range(3))
     again = replan(running, state, stop=stop)
     assert again
@@ -277,7 +277,7 @@ def test_lower_limits_are_met_after_a_delay_from_a_measured_state_too(
     running: Plan, factor: float, part: float, lower: MotionLimits
 ) -> None:
     """The arm is slower than its plan and cannot slow down at once; it does before its end."""
-    slower = running.trajectory.slowed(1.0 / factor)
+    slower = running.trajectory.stretched(1.0 / factor)
     again = replan(running, tuple(slower(part * slower.end, order) for order in range(3)), limits=lower)
     assert again
     assert 0.0 < again.within_limits_from < 0.95 * again.trajectory.end

@@ -10,9 +10,10 @@ import pytest
 from optik.errors import InvalidInput, NoSolution
 from optik.registry import short_name
 from optik.types import Array
-from planners import Line, MotionLimits, Plan, Polyline, TimeLaw, Trajectory, certify, make_law, plan
+from planners import Line, MotionLimits, Plan, Polyline, Trajectory, certify, make_law, plan
 from planners.following.joint_path import JointPath
 from planners.limits import ALL_LIMITS, DERIVATIVES, LOADED, TOOL_SPEEDS
+from planners.timing import TimeLaw
 from tests import oracles
 from tests.oracles import PAPER
 from tests.outside import everything

@@ -15,7 +15,8 @@ import ruckig
 import optik
 import planners
 from optik.types import Array
-from planners import Chunk, MotionLimits, Plan
+from planners import MotionLimits, Plan
+from planners.streams import Chunk
 
 ARMS = ("panda", "ur5e", "iiwa14", "paper6r")
 FREQUENCY = 20_000.0

@@ -17,7 +17,8 @@ import numpy as np
 import optik
 import planners
 from optik.types import Array
-from planners import Chunk, MotionLimits, RetargetStatus
+from planners import MotionLimits
+from planners.streams import Chunk, RetargetStatus
 from tests.figures import chunks
 from tests.figures.figure import Row, Value, main
 from tests.figures.retarget import call

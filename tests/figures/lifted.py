@@ -16,7 +16,9 @@ import planners
 from optik import Scene, se3
 from optik.scene.contact import find_nearest_pairs
 from optik.types import Array
-from planners import Dwell, MotionLimits, Move, Part, PlanStatus, Program, ToolChange
+from planners import MotionLimits, Part, Program
+from planners.planning import PlanStatus
+from planners.program import Dwell, Move, ToolChange
 from tests.figures.figure import Row, Value, main
 from tests.planners.contacts import COAL_ERROR, Oracle
 
@@ -75,7 +77,7 @@ def measure(case: int) -> Row:
     wide, mass = rng.uniform(0.01, 0.03), rng.uniform(0.2, 1.0)
     can = ((0.0, 0.0, min(wide, 0.5 * tall)), (0.0, 0.0, tall - wide), wide)  # it stands on the surface
     change = [ToolChange(payload=mass, shapes=[can]), ToolChange(payload=None)]
-    cup = planners.Suction(0.8, 60.0)
+    cup = planners.limits.Suction(0.8, 60.0)
     limits = MotionLimits.of(robot, velocity=1.5, acceleration=8.0, jerk=100.0, suction=cup)
     found = planners.plan(robot, cycle(places, (tall, tall), up, change, start), start, limits=limits, scene=scene)
     row: Row = {"arm": name, "solved": bool(found)}
@@ -92,8 +94,8 @@ def measure(case: int) -> Row:
     refused = planners.plan(robot, deep, start, limits=limits, scene=scene)
     row |= {"depth": depth, "refused": refused.status is PlanStatus.CONTACT and refused.failure.part == 1}
     further = {
-        "suction": planners.Suction(0.8, 60.0, mass=1.0),
-        "open_container": planners.OpenContainer(1.2, axis="-z"),
+        "suction": planners.limits.Suction(0.8, 60.0, mass=1.0),
+        "open_container": planners.limits.OpenContainer(1.2, axis="-z"),
     }
     bare = replace(limits, extra=further)
     empty = planners.plan(

@@ -15,8 +15,8 @@ import scipy
 import optik
 from optik.arm.robot import Robot
 from optik.types import Array
-from planners import AccelerationByVelocity, Grip, JointLine, Line, MotionLimits, OpenContainer, Suction, Tray, plan
-from planners.limits import kind_of
+from planners import JointLine, Line, MotionLimits, plan
+from planners.limits import AccelerationByVelocity, Grip, OpenContainer, Suction, Tray, kind_of
 from planners.trajectory import Trajectory
 from tests.figures.figure import Row, Value, main
 

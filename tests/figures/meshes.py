@@ -3,7 +3,9 @@
 ``ARMS`` names a folder with ``urdf/NAME.urdf`` for each arm below, and their ROS packages anywhere in it. No arm has an SRDF.
 Pinocchio reads the URDF and its meshes, and coal judges contact of the triangles: of pairs of links that optik examines, in
 random configurations and at 500 Hz of every motion. The same motions are planned with the capsules alone, and with the pairs
-of links left out whose capsules touch in any sampled configuration, in turn, to compare the computing time.
+of links left out whose capsules touch in any sampled configuration, in turn, to compare the computing time. Joints
+beside the arm are held where Pinocchio leaves them. Motions that do not exist are not asked: those that would lead two links
+with one or two joints between them through contact, on a grid of 3°.
 """
 
 from __future__ import annotations
@@ -12,11 +14,13 @@ import os
 import tempfile
 import time
 import warnings
+import xml.etree.ElementTree as ElementTree
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.ndimage import label
 
 import planners
 from optik import Robot, Scene, Shapes, se3
@@ -25,7 +29,7 @@ from optik.types import Array, Flags
 from planners import MotionLimits
 from tests.figures.figure import Row, Value, main
 
-SEED, CONFIGURATIONS, MOTIONS, BOXES, RATE = 20261129, 300, 20, 6, 500.0
+SEED, CONFIGURATIONS, MOTIONS, BOXES, RATE, STEP = 20261129, 300, 20, 6, 500.0, np.radians(3.0)
 TIPS = {
     "irb120": "tool0", "irb1200": "tool0", "irb2600": "tool0", "irb4600": "tool0", "crx5ia": "flange",
     "lrmate200id7l": "flange", "m710ic_50": "flange", "gp8": "tool0", "hc10": "tool0", "hc20": "tool0", "ma2010": "tool0",
@@ -39,15 +43,33 @@ TIPS = {
 
 @cache
 def packages() -> dict[str, str]:
-    return {file.parent.name: str(file.parent) for file in sorted(Path(os.environ["ARMS"]).rglob("package.xml"))}
+    """Folders of the ROS packages, by the names in their package.xml."""
+    files = sorted(Path(os.environ["ARMS"]).rglob("package.xml"))
+    return {str(ElementTree.parse(file).findtext("name")).strip(): str(file.parent) for file in files}
+
+
+@cache
+def linked_packages() -> tempfile.TemporaryDirectory[str]:
+    """A folder in which each package has its own name, as Pinocchio asks."""
+    folder = tempfile.TemporaryDirectory()
+    for name, package in packages().items():
+        Path(folder.name, name).symlink_to(package)
+    return folder
 
 
 def load(name: str) -> Robot:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return Robot.from_urdf(
-            f"{os.environ['ARMS']}/urdf/{name}.urdf", tip=TIPS[name], shapes=True, package_dirs=packages()
-        )
+        file = f"{os.environ['ARMS']}/urdf/{name}.urdf"
+        own = Robot.from_urdf(file, tip=TIPS[name]).joint_names
+        with_range = [(joint, joint.find("limit")) for joint in ElementTree.parse(file).iter("joint")]
+        beside = {
+            str(joint.get("name")): 0.0
+            for joint, limit in with_range
+            if joint.get("type") in ("revolute", "prismatic") and joint.find("mimic") is None and limit is not None
+            and joint.get("name") not in own and float(limit.get("lower", 0)) <= 0.0 <= float(limit.get("upper", 0))
+        }  # fmt: skip
+        return Robot.from_urdf(file, tip=TIPS[name], shapes=True, package_dirs=packages(), values=beside)
 
 
 class Judge:
@@ -58,12 +80,9 @@ class Judge:
         import pinocchio as pin
 
         self._coal, self._pin, self._robot = coal, pin, robot
-        file, folders = (
-            f"{os.environ['ARMS']}/urdf/{name}.urdf",
-            sorted({str(Path(p).parent) for p in packages().values()}),
-        )
+        file, folders = f"{os.environ['ARMS']}/urdf/{name}.urdf", [linked_packages().name]
         self._model = pin.buildModelFromUrdf(file)
-        self._geometry = pin.buildGeomFromUrdf(self._model, file, pin.GeometryType.COLLISION, folders)
+        self._geometry = pin.buildGeomFromUrdf(self._model, file, pin.GeometryType.COLLISION, package_dirs=folders)
         self._data, self._places = self._model.createData(), pin.GeometryData(self._geometry)
         self._columns = [self._model.joints[self._model.getJointId(j)].idx_q for j in robot.joint_names]
         self._turns = [self._model.joints[self._model.getJointId(j)].nq == 2 for j in robot.joint_names]
@@ -72,6 +91,39 @@ class Judge:
             self._links.setdefault(self._model.frames[shape.parentFrame].name, []).append(i)
         pairs = find_pairs(robot, Scene()).names
         self._own = [pair for pair in dict.fromkeys(pairs) if self._links.keys() >= {*pair}]
+
+    def _list_between(self, pair: tuple[str, str]) -> list[int]:
+        """List the arm's joints on which the place of one link in the other depends."""
+        first, other = (
+            {*self._model.supports[self._geometry.geometryObjects[self._links[link][0]].parentJoint]} for link in pair
+        )
+        names = [self._model.names[joint] for joint in first ^ other]
+        return sorted(self._robot.joint_names.index(name) for name in names if name in self._robot.joint_names)
+
+    @cache  # noqa: B019 # one judge for each arm
+    def _label(self, pair: tuple[str, str]) -> tuple[list[int], list[Array], Array]:
+        """Return one or two joints between two links, a grid of their values, and its parts where the links are apart."""
+        joints, limits = self._list_between(pair), self._robot.limits
+        grid = [
+            np.linspace(limits.lower[i], limits.upper[i], 1 + round((limits.upper - limits.lower)[i] / STEP))
+            for i in joints
+        ]
+        q = np.repeat(limits.middle[None], np.prod([len(x) for x in grid], dtype=int), axis=0)
+        q[:, joints] = np.stack(np.meshgrid(*grid, indexing="ij"), axis=-1).reshape(len(q), -1)
+        apart = np.array([not self._touches(x, [pair]) for x in q]).reshape([len(x) for x in grid])
+        return joints, grid, label(apart, np.ones((3,) * len(grid)))[0]
+
+    def parts(self, a: Array, b: Array) -> bool:
+        """Whether no motion leads from a to b: two links, with one or two joints between, would have to touch."""
+        for pair in self._own:
+            if 1 <= len(self._list_between(pair)) <= 2:
+                joints, grid, parts = self._label(pair)
+                one, other = (
+                    parts[tuple(np.abs(x - q[i]).argmin() for x, i in zip(grid, joints, strict=True))] for q in (a, b)
+                )
+                if one and other and one != other:
+                    return True
+        return False
 
     def _place(self, q: Array) -> None:
         x = self._pin.neutral(self._model)
@@ -87,15 +139,21 @@ class Judge:
             self._coal.collide(shape, here, other, place, self._coal.CollisionRequest(), self._coal.CollisionResult())
         )
 
-    def is_free(self, q: Array, scene: Scene) -> bool:
-        """Whether no examined pair of links touches, and no moving link touches a box."""
+    def _touches(self, q: Array, pairs: list[tuple[str, str]]) -> bool:
+        """Place the links, and return whether one of the pairs touches."""
         self._place(q)
-        for one, other in self._own:
+        for one, other in pairs:
             for j in self._links[other]:
                 T = self._places.oMg[j]
                 there = self._coal.Transform3s(T.rotation.copy(), T.translation.copy())
                 if any(self._touch(i, self._geometry.geometryObjects[j].geometry, there) for i in self._links[one]):
-                    return False
+                    return True
+        return False
+
+    def is_free(self, q: Array, scene: Scene) -> bool:
+        """Whether no examined pair of links touches, and no moving link touches a box."""
+        if self._touches(q, self._own):
+            return False
         moving = {n for n, k in zip(self._robot.shapes.names, self._robot.shapes.capsules[0], strict=True) if k > 0}  # type: ignore[union-attr]
         for T, edges in scene.boxes:
             place = self._coal.Transform3s(T[:3, :3].copy(), T[:3, 3].copy())
@@ -165,14 +223,16 @@ def measure(case: int) -> Row:
         ends = [x for x in robot.limits.sample(rng, 60) if judge.is_free(x, scene)][:2]
         if len(ends) < 2:
             continue
-        asked += 1
         found = []
         for arm in arms:
-            planners.plan(arm, ends[1], ends[0], limits=limits, scene=scene, avoid=True) if asked == 1 else None
+            planners.plan(arm, ends[1], ends[0], limits=limits, scene=scene, avoid=True) if asked == 0 else None
             begin = time.process_time()
             found.append(planners.plan(arm, ends[1], ends[0], limits=limits, scene=scene, avoid=True))
             spent = time.process_time() - begin
             found[-1] = found[-1], spent
+        if not found[0][0] and judge.parts(*ends):
+            continue
+        asked += 1
         solved += bool(found[0][0])
         if found[0][0]:
             motion = found[0][0].trajectory

@@ -17,7 +17,8 @@ import optik
 from optik import Robot, Scene, se3
 from optik.scene.contact import find_nearest_pairs
 from optik.types import Array
-from planners import Line, MotionLimits, Plan, PointToPoint, Polyline, ViaPoint, free, plan
+from planners import Line, MotionLimits, Plan, PointToPoint, Polyline, free, plan
+from planners.paths import ViaPoint
 from planners.search import JointSpace
 from tests.figures.figure import Row, Value, main
 from tests.planners.contacts import COAL_ERROR, Oracle, instants, pose

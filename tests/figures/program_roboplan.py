@@ -17,7 +17,8 @@ from optik import Robot, se3
 from optik.errors import NoSolution
 from optik.ik import get_solver
 from optik.types import Array
-from planners import MotionLimits, Move, Part, Program
+from planners import MotionLimits, Part, Program
+from planners.program import Move
 from tests.figures.figure import Row, Value, main
 
 SEED, CASES, LINES = 20261127, 20, 6

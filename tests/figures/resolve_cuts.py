@@ -18,7 +18,7 @@ from optik.errors import InvalidInput
 from optik.ik import get_solver
 from optik.types import Array
 from planners import MotionLimits, Polyline, ProgramPlan, follow
-from planners.following.singular import find_regular_roots
+from planners.following.track import find_regular_roots
 from planners.paths.stretch import Stretch
 from tests.figures.figure import Row, Value, main
 from tests.planners.contacts import COAL_ERROR, Oracle

@@ -17,8 +17,8 @@ from scipy.interpolate import BSpline
 
 import planners
 from optik.types import Array
-from planners import RetargetStatus
 from planners.paths.joint_curve import JointCurve
+from planners.streams import RetargetStatus
 from planners.trajectory import make_rest
 from tests.figures import chunks
 from tests.figures.chunks import ARMS, Box, Case, evaluate
@@ -41,7 +41,7 @@ def call(*given: Any, **options: Any) -> tuple[planners.Retargeted, float]:
     return found, 1e3 * (thread_time() - begin)
 
 
-def distance_from(chunk: planners.Chunk, found: planners.Retargeted) -> float | None:
+def distance_from(chunk: planners.streams.Chunk, found: planners.Retargeted) -> float | None:
     """Least distance [rad] over the chunk's polyline near the paced place, of the largest joint difference."""
     assert found.reference is not None
     place = float(np.interp(AFTER, found.reference.when, found.reference.s))
@@ -66,7 +66,7 @@ def stop_then_go(state: Array, at: float, case: Case, found: planners.Retargeted
     still, chunk = replace(found, curve=make_rest(q, 0.01)), case.chunk
     if (q < box.values[0, 0]).any() or (q > box.values[0, 1]).any():
         return None
-    later = planners.Chunk(chunk.points, chunk.rate, chunk.observed - at)
+    later = planners.streams.Chunk(chunk.points, chunk.rate, chunk.observed - at)
     onward = planners.retarget(still, 0.0, later, tolerance=case.tolerance, pace=10.0)
     return float(stop.duration + onward.trajectory.duration) if onward else None
 

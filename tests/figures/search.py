@@ -20,8 +20,8 @@ import optik
 from benchmarks.problems.motionbench import MotionProblem, read_problem
 from optik import Robot
 from optik.scene.contact import find_nearest_pairs
-from planners import SearchStatus, find_path
-from planners.search import JointSpace
+from planners import find_path
+from planners.search import JointSpace, SearchStatus
 from tests.figures.figure import Row, Value, main
 from tests.planners.contacts import COAL_ERROR, Oracle
 

@@ -232,7 +232,7 @@ def measure(case: int) -> Row:
         )
         row["R"] = float(np.abs(path(s)[:, :3, :3] - R[0]).max())
         row["excess"], row["loose"] = excess(path, rng)
-        row["same"] = planners.make_path(**path.to_dict()).to_dict() == path.to_dict()
+        row["same"] = planners.paths.make_path(**path.to_dict()).to_dict() == path.to_dict()
     return row | (plans(rng) if case % PLANS == 0 else {})
 
 

@@ -13,8 +13,7 @@ import pytest
 from numba.core.registry import cpu_target
 
 from optik.compiled import archive, compiled
-from optik.compiled.cache import read_code
-from optik.compiled.fingerprint import VERSIONS
+from optik.compiled.cache import VERSIONS, read_code
 from tests.optik.test_compile import INNER, REPOSITORY, write_two
 
 HERE = archive.CompileTarget(*cpu_target.target_context.codegen().magic_tuple())
@@ -60,7 +59,7 @@ def packed(folder, **changes):
         for fingerprint, code in read_code(file).items()
     }
     about = {"versions": VERSIONS, "target": HERE._replace(cpu="x86-64-v3")} | changes
-    archive.pack(folder / archive.file_name(), about["versions"], about["target"], kernels)
+    archive.pack_archive(folder / archive.file_name(), about["versions"], about["target"], kernels)
     return kernels
 
 
@@ -71,7 +70,7 @@ def _folder(tmp_path_factory):
     write_two(folder)
     assert run(folder) == [3.0, 2]
     assert len(packed(folder)) == 2
-    shipped = archive.load(folder / archive.file_name())
+    shipped = archive.load_archive(folder / archive.file_name())
     for print_, name in shipped.names.items():
         assert any(name.split(".")[1] in f.name for f in shipped.read(print_)[1]().functions if not f.is_declaration)
     return folder
@@ -170,8 +169,8 @@ def test_a_python_without_lzma_compiles(shipped, monkeypatch):
 @pytest.mark.parametrize("code", [b"", b"no pickle", b"\x80\x04N.", b"cos\nsystem\n(S'exit'\n", b"\x80\x04)."])
 def test_code_that_cannot_be_loaded_is_compiled(shipped, tmp_path, code):
     file, payload = tmp_path / archive.file_name(), pickle.dumps((code, EMPTY))
-    kernels = {print_: (name, payload) for print_, name in archive.load(file).names.items()}
-    archive.pack(file, VERSIONS, HERE._replace(cpu="any"), kernels)
+    kernels = {print_: (name, payload) for print_, name in archive.load_archive(file).names.items()}
+    archive.pack_archive(file, VERSIONS, HERE._replace(cpu="any"), kernels)
     assert shipped() == 1
 
 

@@ -21,7 +21,7 @@ from numba.extending import is_jitted
 
 import optik.compiled.cache
 from optik.compiled import compiled, inlined
-from optik.compiled.fingerprint import Opaque, fingerprint
+from optik.compiled.cache import Opaque, fingerprint
 from optik.compiled.kernel import FIRST_USE, Helper, Kernel
 from tests.oracles import REPOSITORY
 
@@ -253,7 +253,7 @@ def test_a_kernel_depends_on_how_numba_compiles(monkeypatch):
 def test_a_kernel_does_not_depend_on_patches_of_python_and_numpy(tmp_path):
     (tmp_path / "kernel.py").write_text("from optik.compiled import compiled\n@compiled\ndef f(x):\n    return x\n")
     change = "import importlib.util, sys, llvmlite, numba, numpy; {}\n"
-    code = change + "import optik.compiled.fingerprint as f, kernel; print(f.fingerprint(kernel.f, ()))"
+    code = change + "import optik.compiled.cache as f, kernel; print(f.fingerprint(kernel.f, ()))"
 
     def print_with(words):
         env = os.environ | {"PYTHONPATH": os.pathsep.join([str(REPOSITORY), str(tmp_path)])}

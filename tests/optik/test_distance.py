@@ -10,13 +10,15 @@ from scipy.spatial.transform import Rotation
 
 from optik.scene.distance import (
     DISTANCE_ROUNDING,
+    Hull,
     NearestPoint,
+    find_hull,
     segment_box,
     segment_cylinder,
+    segment_mesh,
     segment_plane,
     segment_segment,
 )
-from optik.scene.mesh import Hull, find_hull, segment_mesh
 from optik.types import Array
 from tests.planners.contacts import COAL_ERROR, along, pose
 from tests.seeds import shift_seed

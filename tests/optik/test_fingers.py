@@ -12,8 +12,7 @@ from scipy.spatial.transform import Rotation
 
 import optik
 from optik.arm.shapes import cache
-from optik.arm.shapes.enclosure import Capsule
-from optik.arm.shapes.sweep import MOST_SWEPT, SweepStep, sweep_capsules, turn_points
+from optik.arm.shapes.enclosure import MOST_SWEPT, Capsule, SweepStep, sweep_capsules, turn_points
 from optik.errors import EnclosureWarning, InvalidInput
 from optik.scene.contact import find_clearances, find_nearest_pairs, find_pairs
 from tests.oracles.hands import MeshContact, write_hand

@@ -13,8 +13,7 @@ from scipy.optimize import nnls
 import optik
 from optik import Scene, se3
 from optik.arm.shapes.enclosure import CORNERS, FACES, Hull
-from optik.arm.shapes.hull_distance import nearest_hulls
-from optik.arm.shapes.hulls import enclose_body, list_hulls, pack_hulls, round_hull
+from optik.arm.shapes.hulls import enclose_body, list_hulls, nearest_hulls, pack_hulls, round_hull
 from optik.errors import EnclosureWarning, InvalidInput
 from optik.scene.contact import advise_contact, find_contact, find_nearest_pairs
 from optik.types import Array
@@ -98,7 +97,7 @@ def test_distances_of_hulls_are_those_of_least_squares_and_never_larger(kind: st
         T = se3.pose(se3.exp_so3(rng.normal(size=3)), rng.normal(size=3) * (0.1 if kind == "near" else 0.6))
         frame = np.stack([np.eye(4), T])
         hulls = pack_hulls([(0, list_hulls([Hull(a, 0.0)])), (2, list_hulls([Hull(b, 0.0)]))], KINDS)
-        found, normal, point = nearest_hulls(1, 0, hulls, frame)
+        found, normal, point = nearest_hulls(1, 0, hulls, frame, np.inf, np.full((2, 4), -1.0))
         moved = b @ T[:3, :3].T + T[:3, 3]
         least = least_distance(moved, a)
         assert least - 2e-7 <= max(found, 0.0) <= least + 1e-12
@@ -106,7 +105,33 @@ def test_distances_of_hulls_are_those_of_least_squares_and_never_larger(kind: st
             assert (moved @ normal).min() - (a @ normal).max() >= found - 1e-12
             assert least_distance(moved, np.array([point])) < 1e-7
         rounded = pack_hulls([(0, list_hulls([Hull(a, 0.01)])), (2, list_hulls([Hull(b, 0.02)]))], KINDS)
-        assert nearest_hulls(1, 0, rounded, frame)[0] <= max(least - 0.03 + 1e-12, 0.0)
+        assert nearest_hulls(1, 0, rounded, frame, np.inf, np.full((2, 4), -1.0))[0] <= max(least - 0.03 + 1e-12, 0.0)
+
+
+def test_a_search_may_begin_with_the_corners_of_another_configuration_and_end_at_the_least_that_counts() -> None:
+    rng = np.random.default_rng(8)
+    bodies = [[rng.normal(size=(30, 3)) * 0.05 + rng.normal(size=3) * 0.1 for _ in range(4)] for _ in range(2)]
+    packed = [list_hulls([Hull(a, 0.001 * k) for k, a in enumerate(of)]) for of in bodies]
+    hulls, seed, ends, seen = pack_hulls(list(zip((0, 2), packed, strict=True)), KINDS), np.full((2, 4), -1.0), set(), 0
+    for k in range(300):
+        T = se3.pose(
+            se3.exp_so3(0.02 * k * np.array([0.3, -0.5, 0.8])), (0.45 + 0.2 * np.sin(0.05 * k), 0.1 - 0.001 * k, 0.0)
+        )
+        frame = np.stack([np.eye(4), T])
+        found = nearest_hulls(1, 0, hulls, frame, np.inf, seed)[0]
+        alone = nearest_hulls(1, 0, hulls, frame, np.inf, np.full((2, 4), -1.0))[0]
+        assert max(found, 0.0) == pytest.approx(max(alone, 0.0), abs=2e-7)
+        if k % 30 == 0:
+            moved = [b @ T[:3, :3].T + T[:3, 3] for b in bodies[1]]
+            rows = [
+                (least_distance(b, a), 0.001 * (i + j)) for i, b in enumerate(moved) for j, a in enumerate(bodies[0])
+            ]
+            least = min(distance - radius for distance, radius in rows)
+            assert max(least, 0.0) - 2e-7 <= max(found, 0.0) <= max(least, 0.0) + 1e-12
+        capped = nearest_hulls(1, 0, hulls, frame, 0.05, seed.copy())[0]
+        assert capped <= found + 2e-7 and (capped == 0.05 or capped == pytest.approx(found, abs=2e-7) or capped <= 0.0)
+        seen, ends = seen + (found > 0.0), ends | {seed[0, 0]}
+    assert seen > 100 and len(ends) > 2
 
 
 # ---------------------------------------------------------------- hulls of a body
@@ -122,6 +147,12 @@ def test_hulls_contain_the_solid_between_cuts_and_leave_the_gap_of_a_fork_free()
         away = [min(least_distance(np.array([x]), hull.corners) - hull.radius for hull in hulls) for x in points]
         assert (np.array(away) <= 1e-9).all() if is_inside else (np.array(away) > 1e-3).all()
     assert max(hull.excess for hull in hulls) < 0.02 < max(c.excess for c in capsules)
+
+
+def test_a_step_that_is_small_in_a_large_body_is_cut_away() -> None:
+    """The hull of both boxes is larger by 0.5 %, but this is 0.13 litres, and 21 mm deep."""
+    body = np.concatenate([box((0.0, 0.0, 0.0), (0.3, 0.3, 0.27)), box((0.0, 0.0, 0.27), (0.3, 0.27, 0.3))])
+    assert max(hull.excess for c in enclose_body(body) for hull in c.hulls) < 0.015
 
 
 def test_a_ball_of_many_cuts_is_covered_in_its_middle() -> None:

@@ -19,9 +19,8 @@ from optik import DHRow, IKStatus, JointLimits, Robot, Tolerance
 from optik.errors import InvalidInput
 from optik.ik import LM, make_solver
 from optik.ik._gauss_newton import bounded_step, step_workspace
-from optik.ik._lm import angles as _angles
-from optik.ik._lm import guesses, lanes, partial_pose
-from optik.ik._lm.packing import count_spare_joints, joint_parameters, move_to_limits
+from optik.ik._lm import lanes, search
+from optik.ik._lm.lanes import count_spare_joints, joint_parameters, move_to_limits
 from optik.task import Task, as_task
 from tests import oracles
 from tests.figures.ik_limits import draw as draw_configurations
@@ -155,13 +154,13 @@ def test_the_chain_is_the_arm_where_axes_are_parallel_or_nearly_so(seed, n, off,
 @numba.njit
 def sines_cosines(x, out):
     for i in range(x.size):
-        out[i, 0], out[i, 1] = _angles.sine_cosine(x[i])
+        out[i, 0], out[i, 1] = lanes.sine_cosine(x[i])
 
 
 @numba.njit
 def angles(s, c, out):
     for i in range(s.size):
-        out[i, 0], out[i, 1] = _angles.angle_of(s[i], c[i])
+        out[i, 0], out[i, 1] = lanes.angle_of(s[i], c[i])
 
 
 def test_sine_and_cosine_are_those_of_the_library():
@@ -268,11 +267,11 @@ def test_wrapping_ends_at_the_nearest_winding_and_stays_there(seed):
             x = np.nextafter(x, rng.choice([-inf, inf]))
         q = np.array([x])
         arguments = np.array([False]), (np.array([lower]), np.array([upper])), np.array([start])
-        partial_pose.wrap_configuration(*arguments, q)
+        search.wrap_configuration(*arguments, q)
         assert lower <= q[0] <= upper
         best = nearest_winding(x, start, lower, upper)
         assert best is None or abs(abs(q[0] - start) - abs(best - start)) < 1e-8
-        assert any(partial_pose.wrap_configuration(*arguments, q) for _ in range(3)), (lower, upper, start, x)
+        assert any(search.wrap_configuration(*arguments, q) for _ in range(3)), (lower, upper, start, x)
 
 
 HALF_TURN = """
@@ -584,7 +583,7 @@ def test_a_joint_of_a_short_stroke_is_near_its_limit_only_relative_to_its_range(
     robot, start = built(arm), 0.5 * (arm.lower + arm.upper)
     start[2] = arm.lower[2] + 0.01
     w, packed = np.zeros((lanes.ROWS, 1)), LM(robot)._arm
-    guesses.hold_nearest(packed, w, 7, start, 0, 0)
+    search.hold_nearest(packed, w, 7, start, 0, 0)
     assert w[lanes.HELD_JOINTS, 0] == 1 << 2
     assert w[lanes.NEXT + 2, 0] == arm.lower[2]
 

@@ -10,8 +10,7 @@ import pytest
 import optik
 from optik import DHRow, IKStatus, JointLimits, Robot
 from optik.errors import InvalidInput
-from optik.ik import IPOPT, SQP
-from optik.ik._casadi import symbolic
+from optik.ik import IPOPT, SQP, _casadi
 from optik.ik._null_space import PREFERENCES
 from optik.task import Task, as_task
 from tests import oracles
@@ -75,14 +74,14 @@ def honest(result, robot, task, target):
 # ---------------------------------------------------------------- the symbolic model
 def numbers(robot, task):
     """Numeric functions (q, target) of the model: p, R, J, components, E, its gradient, the Hessian, AD's gradient."""
-    m = symbolic.build_model(robot)
-    f, slope, H = symbolic.cost_derivatives(m, task)
-    outputs = [m.p, m.R, m.J, symbolic.error_components(m, task), f, slope, H, ca.gradient(f, m.q)]
+    m = _casadi.build_model(robot)
+    f, slope, H = _casadi.cost_derivatives(m, task)
+    outputs = [m.p, m.R, m.J, _casadi.error_components(m, task), f, slope, H, ca.gradient(f, m.q)]
     function = ca.Function("model", [m.q, m.target], outputs)
 
     def at(q, target):
         parameters = np.empty(12)
-        symbolic.pose_parameters(target, parameters)
+        _casadi.pose_parameters(target, parameters)
         return [np.asarray(v, dtype=float) for v in function(q, parameters)]
 
     return at

@@ -27,7 +27,7 @@ from optik.arm.shapes.enclosure import (
     sample_points,
     split_mesh,
 )
-from optik.arm.shapes.meshes import MeshFolders, read_mesh
+from optik.arm.shapes.urdf import MeshFolders, read_mesh
 from optik.errors import InvalidInput, RobotModelError, UnreadShapeWarning
 from tests.oracles.shapes import distances
 
@@ -153,7 +153,7 @@ def test_a_bad_mesh_is_one_clear_line(tmp_path, name, content, words):
 
 
 def test_a_large_mesh_is_refused_unread(tmp_path, monkeypatch):
-    monkeypatch.setattr("optik.arm.shapes.meshes.MOST_MESH_BYTES", 100)
+    monkeypatch.setattr("optik.arm.shapes.urdf.MOST_MESH_BYTES", 100)
     (tmp_path / "a.stl").write_bytes(binary(1))
     with pytest.raises(InvalidInput, match="MB"):
         read_mesh(tmp_path / "a.stl")
@@ -208,7 +208,8 @@ def test_a_package_is_found_above_the_file_and_beside_the_folders_above_it(tmp_p
     named = MeshFolders(here, {"parts": tmp_path / "parts"})
     assert named.file("package://parts/a.stl", "x") == tmp_path.resolve() / "parts" / "a.stl", "a named one first"
     (ws / "package.xml").write_text("<package><name> fine_arm </name></package>")
-    assert MeshFolders(here).file("package://fine_arm/parts/a.stl", "x") == ws / "parts" / "a.stl", "named in its file"
+    for each in (MeshFolders(here), MeshFolders(None, [ws])):
+        assert each.file("package://fine_arm/parts/a.stl", "x") == ws / "parts" / "a.stl", "named in its file"
     for name in ("../../../parts/a.stl", str(tmp_path / "ws" / "parts" / "a.stl")):
         assert MeshFolders(here).file(name, "x") == ws / "parts" / "a.stl", "in the package of the file"
     with pytest.raises(InvalidInput, match="elsewhere"):
@@ -261,7 +262,7 @@ def test_collada_with_parts_that_cannot_be_read_and_without_its_packages_is_refu
         file.write_text(text)
         with pytest.raises(InvalidInput):
             read_mesh(file)
-    monkeypatch.setattr("optik.arm.shapes.meshes.find_spec", lambda name: None)
+    monkeypatch.setattr("optik.arm.shapes.urdf.find_spec", lambda name: None)
     with pytest.raises(InvalidInput, match=r"trimesh and pycollada: pip install 'optik-toolkit\[meshes\]'"):
         read_mesh(file)
 

@@ -341,7 +341,7 @@ JUNK = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_siz
     JUNK | st.lists(JUNK, max_size=4) | st.dictionaries(st.text(max_size=3), JUNK, max_size=2),
 )
 def test_any_value_in_any_place_is_read_or_refused_in_one_line(path: tuple[Any, ...], value: Any) -> None:
-    from optik.scene.moveit import scene_from_moveit
+    from optik.scene.files import scene_from_moveit
 
     data = yaml.safe_load(SCENE)
     inner = data

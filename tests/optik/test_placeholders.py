@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import optik
-from benchmarks.cli.words import translate
+from benchmarks.cli.command import translate
 from optik import Robot
 from optik.errors import RobotModelWarning
 

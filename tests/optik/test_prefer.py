@@ -11,8 +11,7 @@ from scipy.spatial.transform import Rotation
 
 import optik
 from optik.errors import InvalidInput
-from optik.ik import LM, make_solver
-from optik.ik._casadi import symbolic
+from optik.ik import LM, _casadi, make_solver
 from optik.ik._null_space import RANK_FLOOR, cost, log_manipulability
 from optik.task import Task, as_task
 from tests import oracles
@@ -272,9 +271,9 @@ def test_every_method_minimises_the_same_function(name, task):
     expected -= 0.1 * np.linalg.slogdet(J @ J.T + RANK_FLOOR * np.eye(len(J)))[1]
     assert solver.preference.value(task, target, posture, q) == pytest.approx(expected, abs=1e-9)
     if name != "lm":
-        ca, m = pytest.importorskip("casadi"), symbolic.build_model(robot)
+        ca, m = pytest.importorskip("casadi"), _casadi.build_model(robot)
         at = ca.SX.sym("posture", 7)
-        f = ca.Function("f", [m.q, m.target, at], [symbolic.preference_cost(m, task, robot, prefer, at)])
+        f = ca.Function("f", [m.q, m.target, at], [_casadi.preference_cost(m, task, robot, prefer, at)])
         assert float(f(q, target[:3].ravel(), posture)) == pytest.approx(expected, abs=1e-9)
 
 

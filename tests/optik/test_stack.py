@@ -4,7 +4,7 @@ import numba
 import numpy as np
 import pytest
 
-from optik.ik._lm.stack import stack
+from optik.ik._lm.lanes import stack
 
 
 @numba.njit

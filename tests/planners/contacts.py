@@ -14,7 +14,7 @@ from optik.scene.contact import SELF, bodies_of, find_pairs
 from optik.types import Array
 from planners import Trajectory
 from planners.certificate import clearance
-from planners.certificate.clearance_search import _judge_level
+from planners.certificate.clearance import _judge_level
 from planners.trajectory.curve import quintic_through
 
 REST = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])

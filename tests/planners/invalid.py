@@ -11,7 +11,7 @@ from optik import Scene
 from optik.arm.robot import Robot
 from optik.types import Array
 from planners import JointLine, Line, MotionLimits, Plan
-from planners.trajectory.controller import simulate_controller
+from planners.trajectory import simulate_controller
 from tests.planners.contacts import REST, panda
 
 KINDS = ("contact", "path", "limits", "coverage")

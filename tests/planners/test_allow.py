@@ -13,25 +13,14 @@ from typer.testing import CliRunner
 from benchmarks.cli.app import app, main
 from optik.errors import InvalidInput, InvalidMotion
 from optik.ik import Tolerance
-from planners import (
-    Line,
-    MotionLimits,
-    Plan,
-    PlanStatus,
-    Trajectory,
-    certify,
-    load_motion,
-    plan,
-    replan,
-    save,
-    to_ros,
-)
+from planners import Line, MotionLimits, Plan, Trajectory, certify, load_motion, plan, replan, save, to_ros
+from planners.cell.drives.base import fit_periods
 from planners.cell.drives.ideal import IdealDrive
-from planners.cell.drives.setpoints import fit_periods
-from planners.cell.stored import restore_plan
+from planners.cell.show import restore_plan
 from planners.certificate.clearance import Clearance, Closest
 from planners.certificate.path_error import PathError
 from planners.certificate.violation import ALLOWANCES
+from planners.planning import PlanStatus
 from tests.planners.cases import START, default_line, paper6r
 from tests.planners.contacts import panda
 from tests.planners.invalid import KINDS, Invalid, interpolated_contact, invalid, to_point

@@ -12,15 +12,17 @@ from optik import Scene
 from optik.errors import InvalidInput, UnknownName
 from optik.scene.contact import bodies_of, find_nearest_pairs
 from optik.types import Array
-from optik.view.data import describe_show
-from planners import Line, MotionLimits, Plan, PlanStatus, PointToPoint, ViaPoint, free, load_motion, plan
-from planners.choice import avoid
+from optik.view.page import describe_show
+from planners import Line, MotionLimits, Plan, PointToPoint, free, load_motion, plan
+from planners.choice import ways
 from planners.choice.choose import Choice, JointChoice
-from planners.choice.clearances import ClearanceLimits, NearPairs, pair_rooms
 from planners.choice.first_paths import advise_elbow
 from planners.choice.programme import FreeProgramme
+from planners.choice.rows import ClearanceLimits, NearPairs, pair_rooms
 from planners.motion.show import show_motion
+from planners.paths import ViaPoint
 from planners.paths.free_path import FreePath
+from planners.planning import PlanStatus
 from planners.search.rrt_connect import RRTConnect
 from planners.timing.optimal import Optimal
 from tests.planners.contacts import REST, drawn, panda, pose, scara
@@ -47,9 +49,9 @@ def test_configurations_between_grid_points_are_exact_on_a_cubic() -> None:
     c = rng.normal(size=(4, 3))
     q, q1 = (np.polynomial.polynomial.polyval(s, x).T for x in (c, np.polynomial.polynomial.polyder(c)))
     finer = np.append((s[:-1, None] + np.diff(s)[:, None] * np.arange(4) / 4.0).ravel(), s[-1])
-    assert avoid.EXAMINED_BETWEEN == 4
+    assert ways.EXAMINED_BETWEEN == 4
     np.testing.assert_allclose(
-        avoid._between(np.stack([q, q1]), s), np.polynomial.polynomial.polyval(finer, c).T, atol=1e-12
+        ways._between(np.stack([q, q1]), s), np.polynomial.polynomial.polyval(finer, c).T, atol=1e-12
     )
 
 
@@ -188,7 +190,7 @@ def test_coefficients_are_pushed_until_the_elbow_touches_nothing() -> None:
             for scene in (Scene(spheres=[(ball, r)]) for r in np.linspace(0.02, 0.2, 91))
             if find_nearest_pairs(robot, scene, choice.near[0])[0].min() < -0.015
         )
-        found = avoid.push_out(choice, scene, choice.p, choice.near)
+        found = ways.push_out(choice, scene, choice.p, choice.near)
         assert found is not None
         assert find_nearest_pairs(robot, scene, found[1][0])[0].min() > 0.0
         tool = robot.fk(found[1][0])
@@ -201,7 +203,7 @@ def test_each_room_that_is_required_has_a_slot_at_its_grid_point() -> None:
     path, scene = PointToPoint(robot, REST, GOAL), drawn(rng)
     first = plan(robot, path, limits=LIMITS)
     choice = JointChoice(path, first.joint_path, Optimal().run_with_optimum(first.joint_path, LIMITS)[1])
-    cuts = avoid.Cuts(robot, scene, choice.near[0])
+    cuts = ways.Cuts(robot, scene, choice.near[0])
     every = np.arange(len(bodies_of(robot, scene)[2]))
     cuts._add(np.zeros(every.size, int), every)
     wanted = rng.random(cuts.table.shape) < np.linspace(0.0, 0.3, len(cuts.table))[:, None]
@@ -292,7 +294,7 @@ def test_another_initial_path_is_tried_where_the_motion_stays_far_from_its_least
 def test_the_same_scene_gives_the_same_motion_which_a_duration_slows() -> None:
     again, first = plan(panda(), GOAL, REST, limits=LIMITS, scene=wall(), avoid=True, duration=6.0), around()
     assert again and again.trajectory.duration == pytest.approx(6.0) and again.search == first.search
-    slowed = first.trajectory.slowed(6.0 / first.trajectory.duration)
+    slowed = first.trajectory.stretched(6.0 / first.trajectory.duration)
     assert (again.trajectory.coefficients == slowed.coefficients).all()
 
 
@@ -386,8 +388,8 @@ def test_more_coefficients_are_tried_where_the_default_ones_find_no_way_between_
 
 def test_a_cut_that_asks_for_too_little_room_is_found_by_the_certificate(monkeypatch: pytest.MonkeyPatch) -> None:
     """Without the limits on rooms no motion is accepted that touches: the certificate decides."""
-    monkeypatch.setattr(avoid, "NEAR_ROOM", -1.0)
-    monkeypatch.setattr(avoid.Cuts, "add_touched", lambda self, q: False)
+    monkeypatch.setattr(ways, "NEAR_ROOM", -1.0)
+    monkeypatch.setattr(ways.Cuts, "add_touched", lambda self, q: False)
     found = plan(panda(), GOAL, REST, limits=LIMITS, scene=wall(), avoid=True)
     if found:
         t = np.linspace(0.0, found.trajectory.duration, 4001)

@@ -19,8 +19,7 @@ from planners import Arc, Line, Path, Polyline, Trajectory
 from planners.certificate import bounds as motion_bounds
 from planners.certificate import path_error as deviation
 from planners.certificate.bounds import bezier_bound, joint_bounds, tool_bounds, tool_speed
-from planners.certificate.path_bounds import PieceBounds, path_rates, product_bound
-from planners.certificate.path_error import path_error
+from planners.certificate.path_error import PieceBounds, path_error, path_rates, product_bound
 from planners.trajectory.curve import bell, quintic_through
 from tests import oracles
 from tests.planners.cases import START, default_joint_path, default_line, paper6r

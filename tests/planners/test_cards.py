@@ -163,13 +163,13 @@ class Half(optik.ik.IKSolver):
         return optik.ik.base.Attempt(found.q, found.status, 1, None, "half")
 
 
-class Slow(planners.TimeLaw):
+class Slow(planners.timing.TimeLaw):
     """The law of the paper at half its speed."""
 
     enforced = ()
 
     def _time(self, joint_path, limits):
-        return planners.make_law("quintic")._time(joint_path, limits).slowed(2.0)
+        return planners.make_law("quintic")._time(joint_path, limits).stretched(2.0)
 
 
 def test_a_class_or_an_object_of_the_user_works_as_a_name_does() -> None:

@@ -12,13 +12,13 @@ import optik
 import planners
 from optik import Robot
 from optik.errors import InvalidInput
-from planners import Chunk, MotionLimits, Retargeted, retarget
-from planners.retarget.chunk import read_targets
-from planners.retarget.reference import find_scatter
-from planners.retarget.tracking import track
+from planners import MotionLimits, Retargeted, retarget
+from planners.streams import Chunk
+from planners.streams.chunk import read_targets
+from planners.streams.reference import find_scatter, track_targets
 from tests.seeds import shift_seed
 
-engine = importlib.import_module("planners.retarget.engine")  # its folder is hidden by the function
+engine = importlib.import_module("planners.streams.engine")  # its folder is hidden by the function
 
 REST = np.array([0.0, -1.5, 1.4, -1.5, -1.57, 0.0])
 LIMITS = MotionLimits(velocity=2.5, acceleration=10.0, jerk=200.0)
@@ -153,7 +153,7 @@ def test_chunks_of_other_clocks_raise_nothing_and_compute_little(align: str, mon
 
     def counted(*given: Any) -> Any:
         sizes.append(given[2].size)
-        return track(*given)
+        return track_targets(*given)
 
     monkeypatch.setattr(engine, "track", counted)
     for off in np.append(10.0 ** np.arange(-3.0, 10.0), 1e308):
@@ -203,10 +203,10 @@ def test_a_call_ends_above_its_budget_of_work(monkeypatch: pytest.MonkeyPatch) -
     state, limits = np.zeros((3, 2)), np.array([[[-3.0, 3.0], [-1.0, 1.0], [-5.0, 5.0], [-50.0, 50.0]]] * 2)
     when = np.arange(0.0, 3.0, 0.02)
     targets = 2.5 * np.sin(4.0 * when)[:, None] * np.ones(2)
-    j, used, *_ = track(state, limits, when, targets, 0.04, 10**6)
+    j, used, *_ = track_targets(state, limits, when, targets, 0.04, 10**6)
     assert j == -1
     for budget in (-1000, 0, 100, used // 2, used - 100):
-        over, work, *_ = track(state, limits, when, targets, 0.04, budget)
+        over, work, *_ = track_targets(state, limits, when, targets, 0.04, budget)
         assert over == -2 and work <= budget + 2000
 
 

@@ -17,8 +17,9 @@ from optik.errors import InvalidInput
 from optik.ik import IKStatus
 from optik.scene.contact import SELF, find_clearances, find_contact, find_nearest_pairs, find_pairs
 from optik.types import Array
-from planners import MotionLimits, PlanStatus, Trajectory
+from planners import MotionLimits, Trajectory
 from planners.certificate.clearance import Clearance, clearance
+from planners.planning import PlanStatus
 from tests.planners.contacts import (
     COAL_ERROR,
     REST,
@@ -115,7 +116,7 @@ def test_bounds_of_one_wide_interval_hold_on_a_hundred_thousand_instants(kind: i
     rng, scene, tight = np.random.default_rng(shift_seed(8)), table(), []
     for _ in range(3):
         whole = drawn_motion(rng, kind)
-        motion = whole.slowed(1.0) if kind else quarter(whole)
+        motion = whole.stretched(1.0) if kind else quarter(whole)
         bound = bounds_of_one_interval(panda(), motion, scene)
         t = np.linspace(0.0, motion.end, 16_667)
         distance, _ = find_nearest_pairs(panda(), scene, motion(t))

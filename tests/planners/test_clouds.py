@@ -16,8 +16,8 @@ from optik.scene.contact import CLOUD, bound_distance, find_nearest, find_neares
 from optik.types import Array
 from planners import find_path, plan
 from planners.certificate.clearance import clearance
-from planners.choice.clearances import bodies_of, pair_rooms
-from planners.search._edges import find_blocked, find_unproved, make_body, make_work
+from planners.choice.rows import bodies_of, pair_rooms
+from planners.search._trees import find_blocked, find_unproved, make_body, make_work
 from planners.trajectory import Trajectory
 from tests.oracles.shapes import distances
 from tests.planners.contacts import REST, drawn_motion, panda

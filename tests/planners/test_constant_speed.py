@@ -7,7 +7,8 @@ import pytest
 
 import optik
 from optik.types import Array
-from planners import MotionLimits, Plan, PlanStatus, Polyline, make_law, plan
+from planners import MotionLimits, Plan, Polyline, make_law, plan
+from planners.planning import PlanStatus
 from tests.figures.constant_speed import bound
 from tests.planners.cases import START
 

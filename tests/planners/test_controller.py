@@ -11,7 +11,7 @@ from scipy.interpolate import PPoly
 from optik.errors import InvalidInput
 from optik.types import Array
 from planners import MotionLimits, Trajectory, certify, make_law
-from planners.trajectory.controller import sample_states, simulate_controller
+from planners.trajectory.trajectory import sample_states, simulate_controller
 from tests import oracles
 from tests.planners import cases
 from tests.planners.cases import default_joint_path, default_line, paper6r

@@ -11,9 +11,10 @@ import scipy
 import optik
 import planners
 from optik.errors import InvalidInput
-from planners import Chunk, MotionLimits, stream
-from planners.retarget.controllers import FrankaLimiter, ServoJ
-from planners.retarget.controllers.franka import ACCELERATION, JERK, VELOCITY
+from planners import MotionLimits, stream
+from planners.streams import Chunk
+from planners.streams.controllers import FrankaLimiter, ServoJ
+from planners.streams.controllers.franka import ACCELERATION, JERK, VELOCITY
 from tests.seeds import shift_seed
 
 REST = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])

@@ -11,10 +11,10 @@ import optik
 import planners
 from optik import JointLimits, Robot, se3
 from optik.types import Array
-from planners import MotionLimits, Move, Part, Program
+from planners import MotionLimits, Part, Program
 from planners.paths.joint_curve import JointCurve
-from planners.program import corners
-from planners.program.corners import ON_CURVE, place_nodes
+from planners.program import Move, joining
+from planners.program.joining import ON_CURVE, place_nodes
 from planners.trajectory import Trajectory
 from planners.trajectory.curve import quintic_through
 
@@ -67,11 +67,11 @@ def test_no_place_of_a_corner_is_farther_from_the_sharp_path_than_is_proved(
     one, two = (curve_through(rng, HOME, 0.9) for _ in range(2))
     curve = curve_through(rng, HOME, (1.6, 0.5)[seed % 2])
     if coarse:
-        monkeypatch.setattr(corners, "PROOF_INTERVALS", 2)
+        monkeypatch.setattr(joining, "PROOF_INTERVALS", 2)
         half, two = 0.5 * curve.end, JointCurve(ROBOT, two.s, two.q + one.q[-1] - two.q[0], two.derivatives)
         q = one.configurations(ROBOT, [one.end - half, one.end]), two.configurations(ROBOT, [half])
         curve = JointCurve(ROBOT, curve.s, np.concatenate(q), curve.derivatives * (3.0, 0.3)[seed // 2 % 2])
-    proved = corners._prove_deviation(ROBOT, one, two, curve)
+    proved = joining._prove_deviation(ROBOT, one, two, curve)
     w = np.linspace(-0.5, 0.5, 4001) * curve.end
     before, after = (
         one.configurations(ROBOT, one.end + np.minimum(w, 0.0)),
@@ -86,7 +86,7 @@ def test_no_place_of_a_corner_is_farther_from_the_sharp_path_than_is_proved(
 
 def test_two_rotations_against_each_other_have_the_bound_of_their_products(monkeypatch: pytest.MonkeyPatch) -> None:
     """E = R(2 w) − 1 has a second derivative of size 4."""
-    monkeypatch.setattr(corners, "PROOF_INTERVALS", 2)
+    monkeypatch.setattr(joining, "PROOF_INTERVALS", 2)
     robot = Robot("bar", np.eye(4)[None], np.array([False]), se3.pose(p=[0.3, 0.0, 0.0]), JointLimits([-9.0], [9.0]))
 
     def line(begin: float, rate: float) -> JointCurve:
@@ -96,7 +96,7 @@ def test_two_rotations_against_each_other_have_the_bound_of_their_products(monke
 
     one, two, curve = line(1.0, -1.0), line(0.0, -1.0), line(-0.5, 1.0)
     turn = 2.0 * np.sin(0.5) + 0.5**2 / 8.0 * 4.0
-    found = corners._prove_deviation(robot, one, two, curve)
+    found = joining._prove_deviation(robot, one, two, curve)
     assert found[1] == pytest.approx(2.0 * np.arcsin(0.5 * turn), rel=1e-9)
     assert found[0] == pytest.approx(0.6 * np.sin(0.5) + 0.3 * 0.5**2 / 8.0 * 2.0, rel=1e-9)
 
@@ -107,7 +107,7 @@ def test_bounds_of_a_stretch_are_those_of_all_pieces_that_it_touches() -> None:
     for low, high in ((0.1, 0.15), (0.1, 0.6), (0.0, 1.0), (0.2, 0.5), (0.5, 0.91), (0.95, 1.0), (0.3, 0.3)):
         touched = (s[:-1] < max(high, low + 1e-9)) & (s[1:] > low)
         wanted = curve.node_bounds[touched].max(axis=0)
-        np.testing.assert_array_equal(corners._greatest_between(curve, low, high), wanted)  # type: ignore[arg-type]
+        np.testing.assert_array_equal(joining._greatest_between(curve, low, high), wanted)  # type: ignore[arg-type]
 
 
 def test_a_programs_tool_is_on_its_rounded_path() -> None:

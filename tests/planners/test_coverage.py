@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from optik.errors import InvalidInput
 from optik.ik import Tolerance
 from planners import Arc, Certificate, JointLine, Line, MotionLimits, Trajectory, certify, plan
-from planners.certificate.checks import COVERED, Coverage, length_between
+from planners.certificate.analysis import COVERED, Coverage, measure_between
 from planners.trajectory.curve import quintic_through
 from tests import oracles
 from tests.planners.cases import START, default_line, paper6r
@@ -173,12 +173,12 @@ def test_a_short_stretch_back_between_two_knots_is_as_long_as_its_extrema_say(ba
 def test_the_length_of_a_stretch_is_its_arc_and_its_turn() -> None:
     circle = Arc.about(np.eye(4), np.array([0.05, 0.0, 0.0]), [0.0, 1.0, 0.0], 1.7)
     for a, b in np.random.default_rng(3).uniform(0.0, circle.end, (9, 2)):
-        assert length_between(circle, a, b) == pytest.approx((abs(b - a), 0.0), rel=1e-9)
+        assert measure_between(circle, a, b) == pytest.approx((abs(b - a), 0.0), rel=1e-9)
     turn = Line(np.eye(4), oracles.pose((0.3, 0.1, 0.2), (0.5, 0.4, -0.2)))
     goal = turn.pose(turn.end)
     size = np.linalg.norm(goal[:3, 3]), np.linalg.norm(Rotation.from_matrix(goal[:3, :3]).as_rotvec())
     for a, b in np.random.default_rng(4).uniform(0.0, 1.0, (9, 2)):
-        found = length_between(turn, a * turn.end, b * turn.end)
+        found = measure_between(turn, a * turn.end, b * turn.end)
         assert found == pytest.approx(np.multiply(abs(b - a), size), rel=1e-9)
 
 

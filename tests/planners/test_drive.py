@@ -12,7 +12,7 @@ from scipy.interpolate import CubicHermiteSpline
 
 import optik
 from optik.errors import InvalidInput, NoSolution
-from planners import JointLine, MotionLimits, Plan, PlanStatus, make_law, plan, replan
+from planners import JointLine, MotionLimits, Plan, make_law, plan, replan
 from planners.cell import (
     Execution,
     ExecutionStatus,
@@ -24,7 +24,8 @@ from planners.cell import (
 )
 from planners.cell.drives._run import EncoderMonitor
 from planners.following.follow import PlanFailure
-from planners.trajectory.controller import simulate_controller
+from planners.planning import PlanStatus
+from planners.trajectory import simulate_controller
 from tests import oracles
 from tests.planners.cases import START, default_line, paper6r
 from tests.planners.faulty import FaultyIdeal, LostEncoder, Stall
@@ -83,7 +84,7 @@ def test_a_plan_is_slowed_to_whole_periods_and_certified_again(period: float) ->
     assert 0.0 <= slower.trajectory.end - line().trajectory.end < period
     assert slower and slower.certificate.is_valid and slower.certificate is not line().certificate
     assert slower.certificate.enforced == line().certificate.enforced
-    assert slower.slowed == pytest.approx(slower.trajectory.end / line().trajectory.end, rel=1e-12)
+    assert slower.stretch_factor == pytest.approx(slower.trajectory.end / line().trajectory.end, rel=1e-12)
     share = np.linspace(0.0, 1.0, 50)
     there = line().trajectory(share * line().trajectory.end)
     np.testing.assert_allclose(slower.trajectory(share * slower.trajectory.end), there, rtol=0.0, atol=1e-12)
@@ -135,7 +136,7 @@ def test_the_cubics_of_the_servo_exceed_an_acceleration_by_four_27ths_of_jerk_an
 def test_a_motion_of_too_many_periods_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(InvalidInput, match=r"period: .*at most 500,000 periods"):
         make_setpoints(line(), line().trajectory.end / 500_001)
-    monkeypatch.setattr(import_module("planners.cell.drives.setpoints"), "MOST_PERIODS", 500)
+    monkeypatch.setattr(import_module("planners.cell.drives.base"), "MOST_PERIODS", 500)
     assert len(make_setpoints(line(), line().trajectory.end / 499).t) == 500
 
 
@@ -240,7 +241,7 @@ def test_a_stop_that_cannot_be_certified_is_not_sent(monkeypatch: pytest.MonkeyP
     def none(running: Plan, *given: Any, **options: Any) -> Plan:
         return replan(running, 0.1, stop=True, tolerance=(1e-15, 1e-15))
 
-    monkeypatch.setattr(import_module("planners.cell.drives._stop"), "replan", none)
+    monkeypatch.setattr(import_module("planners.cell.drives._run"), "replan", none)
     execution = IdealDrive(paper6r()).execute(line(), stop=0.1)
     assert execution.status is ExecutionStatus.DONE and "could be certified" in execution.notes[0]
 
@@ -248,7 +249,7 @@ def test_a_stop_that_cannot_be_certified_is_not_sent(monkeypatch: pytest.MonkeyP
 def test_the_stop_that_is_sent_is_the_first_that_is_certified(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of a plan whose law keeps no jerk there are two; here the gentle one, then both, cannot be certified."""
     running = plan(paper6r(), default_line(), START, timing="toppra", limits=MotionLimits(2.0, 10.0))
-    module: Any = import_module("planners.cell.drives._stop")
+    module: Any = import_module("planners.cell.drives._run")
     both, t = module.find_stop_limits(running), 0.3 * running.trajectory.end
     assert [x.jerk is not None for x in both] == [True, True] and (both[0].jerk < both[1].jerk).all()
     first = module.plan_stop(running, t)

@@ -10,8 +10,9 @@ from scipy.spatial.transform import Rotation
 from optik import Scene
 from optik.errors import InvalidInput, NoSolution
 from optik.types import Array
-from planners import Arc, JointLine, Line, MotionLimits, Path, Plan, PlanStatus, Polyline, laws, plan
+from planners import Arc, JointLine, Line, MotionLimits, Path, Plan, Polyline, laws, plan
 from planners.limits import ALL_LIMITS
+from planners.planning import PlanStatus
 from tests.planners.cases import START, paper6r
 
 ROBOT = paper6r()

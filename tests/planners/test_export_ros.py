@@ -18,14 +18,13 @@ from scipy.interpolate import PPoly
 
 from optik import JointLimits, Robot
 from optik.errors import InvalidInput, NoSolution, OutputError
-from optik.scene.messages import LONGEST_DURATION, NANOSECONDS
+from optik.scene.files import LONGEST_DURATION, NANOSECONDS
 from optik.types import Array
 from planners import JointLine, Line, MotionLimits, Trajectory, load_motion, make_law, plan, save
 from planners.files.setpoints import load_trajectory
 from planners.motion import Motion, get_motion
-from planners.ros.export import to_ros
+from planners.ros.export import NEAR_KNOT, to_ros
 from planners.ros.message import _to_yaml
-from planners.ros.pace import NEAR_KNOT
 from planners.trajectory import cut_before
 from tests import oracles
 from tests.planners.cases import MOVE, START, default_line, moved, paper6r

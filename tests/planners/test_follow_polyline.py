@@ -14,7 +14,13 @@ from optik.errors import InvalidInput
 from optik.ik import Tolerance, make_solver
 from optik.types import Array
 from planners import Line, Polyline, follow
-from planners.following.joint_path import LEAST_SPACING, Course, fourth_bounds, make_empty_guide, thin
+from planners.following.joint_path import (
+    LEAST_SPACING,
+    Course,
+    bound_fourth_derivatives,
+    make_empty_guide,
+    thin_positions,
+)
 from tests import oracles
 from tests.planners.polylines import keeps_on
 
@@ -44,7 +50,7 @@ places = st.lists(st.floats(1e-6, 1.0 - 1e-6), min_size=1, max_size=12, unique=T
 def test_the_bound_of_an_interval_is_the_greatest_of_all_pieces_that_it_touches(inner: Any, s: Any, seed: int) -> None:
     breaks, at = np.array([0.0, *sorted(inner), 1.0]), np.array([0.0, *sorted(s), 1.0])
     fourth = np.random.default_rng(seed).uniform(0.0, 10.0, len(breaks) - 1)
-    found = fourth_bounds(Pieces(breaks, fourth), at)
+    found = bound_fourth_derivatives(Pieces(breaks, fourth), at)
     for i, (a, b) in enumerate(pairwise(at)):
         touched = [f for f, left, right in zip(fourth, breaks[:-1], breaks[1:], strict=True) if left < b and right > a]
         assert (found[i] == max(touched)).all()
@@ -61,12 +67,12 @@ def test_places_are_no_further_than_the_path_bends_and_no_nearer_than_rounding_a
     path, tolerance = Pieces(breaks, fourth), Tolerance(1e-5, 1e-5)
     found = Course(path, make_empty_guide(6)).spread(at, tolerance)
     assert found[0] == 0.0 and found[-1] == 1.0 and (np.diff(found) > 0.0).all()
-    h, bound = np.diff(found), fourth_bounds(path, found)[:-1, 0]
+    h, bound = np.diff(found), bound_fourth_derivatives(path, found)[:-1, 0]
     assert (h**4 / 384.0 * bound <= 1e-5).all()
     near = np.flatnonzero(h < LEAST_SPACING * (1.0 - 1e-9))
     for i in near[(near > 0) & (near < len(h) - 1)]:  # what is near is needed: without it the path bends too much
         wide = np.array([found[i - 1], found[i + 1], found[i + 2]]), np.array([found[i - 1], found[i], found[i + 2]])
-        worst = max(((x[1:] - x[:-1]) ** 4 * fourth_bounds(path, x)[:-1, 0]).max() for x in wide)
+        worst = max(((x[1:] - x[:-1]) ** 4 * bound_fourth_derivatives(path, x)[:-1, 0]).max() for x in wide)
         ends = found[i] in breaks and found[i + 1] in breaks
         assert worst / 384.0 > 1e-7 or ends or h[i - 1] + h[i] >= LEAST_SPACING
 
@@ -75,7 +81,7 @@ def test_of_two_places_that_are_too_near_the_break_stays() -> None:
     s = np.linspace(0.0, 0.1, 101)
     s = np.sort(np.append(s, 0.05001))
     kept = np.ones(len(s), np.bool_)
-    thin(s, np.full(len(s) - 1, np.inf), s == 0.05001, kept)
+    thin_positions(s, np.full(len(s) - 1, np.inf), s == 0.05001, kept)
     assert kept.sum() == 101 and kept[s == 0.05001].all()
     assert np.diff(s[kept]).min() >= LEAST_SPACING
 

@@ -35,8 +35,8 @@ from planners import (
     plan,
 )
 from planners.choice.choose import Choice, pick_plan
-from planners.choice.orientations import OFFSETS, _list_turns
-from planners.choice.solve import _Box, _Iteration, solve
+from planners.choice.first_paths import OFFSETS, _list_turns
+from planners.choice.solve import _Box, _Iteration, solve_coefficients
 from planners.choice.torques import torque_changes
 from planners.paths.control_curve import ControlBounds
 from planners.paths.free_path import FreePath
@@ -329,7 +329,7 @@ def test_the_gradient_is_that_of_the_duration(name: str, velocity: float) -> Non
         step = 1e-5 * way.reshape(given.p.shape)
         slope = (barrier(given.p + step)[0] - barrier(given.p - step)[0]) / 2e-5
         assert float(value @ way) == pytest.approx(slope, abs=1e-4 * np.linalg.norm(value))
-    found = solve(given.programme, given.p, given.bounds, given.near, least=1e-9, damping=1e12)
+    found = solve_coefficients(given.programme, given.p, given.bounds, given.near, least=1e-9, damping=1e12)
     assert found is not None
     exact = found.gradient
     rough = given.gradient()  # of the law's own multipliers, on its grid and with its greatest speeds

@@ -12,22 +12,12 @@ from optik import JointLimits, Robot, Scene, Shapes, se3
 from optik.errors import InvalidInput
 from optik.scene.contact import find_nearest_pairs
 from optik.types import Array
-from planners import (
-    JointLine,
-    Line,
-    MotionLimits,
-    Plan,
-    PlanStatus,
-    PointToPoint,
-    SearchStatus,
-    ViaPoint,
-    find_path,
-    free,
-    plan,
-)
+from planners import JointLine, Line, MotionLimits, Plan, PointToPoint, find_path, free, plan
 from planners.following.branches import find_branches
+from planners.paths import ViaPoint
 from planners.paths.configurations import find_configurations
-from planners.search import _goals
+from planners.planning import PlanStatus
+from planners.search import SearchStatus, find
 from planners.search.base import JointSpace
 from tests.planners.contacts import pose
 
@@ -109,7 +99,7 @@ def test_goals_are_all_windings_inside_the_limits_at_most_a_turn_from_the_start(
                 every = q + TURN * k[(k[:, ~wide] == 0).all(axis=1)]
                 close = (np.abs(every - near) <= TURN) | ~wide
                 expected = every[close.all(axis=1) & robot.limits.contains(every)]
-                found = _goals._wind(robot, q[None], near, turning)
+                found = find._wind(robot, q[None], near, turning)
                 np.testing.assert_allclose(np.unique(found.round(6), axis=0), np.unique(expected.round(6), axis=0))
                 assert (np.diff(np.linalg.norm(found - near, axis=1)) >= 0.0).all()
 

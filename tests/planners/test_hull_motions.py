@@ -15,8 +15,8 @@ from optik.scene.contact import PLANE, SELF, bodies_of, find_contact, refine
 from optik.types import Array
 from planners import Trajectory
 from planners.certificate.clearance import clearance
-from planners.choice.clearances import NearPairs, pair_rooms
-from planners.search._edges import find_blocked, find_unproved, make_body, make_work
+from planners.choice.rows import NearPairs, pair_rooms
+from planners.search._trees import find_blocked, find_unproved, make_body, make_work
 from planners.trajectory.curve import quintic_through
 from tests.optik.test_hulls import OBSTACLES, load
 
@@ -41,10 +41,12 @@ def scene_of(kind: str, arm: Robot, q: Array, margin: float = 0.0) -> Scene:
 def hull_distances(arm: Robot, scene: Scene, q: Array) -> Array:
     """The least distances (k, 2) of hulls to the scene and between links, in contact at most 0."""
     _capsules, arrays, pairs, hulls = bodies_of(arm, scene)
-    out = np.full((len(q), 2), np.inf)
+    out, seed = np.full((len(q), 2), np.inf), np.full((2, 4), -1.0)
     for k, frames in enumerate(arm.frames(q)):
         for pair in pairs:
-            found = refine(tuple(int(x) for x in pair), arrays, hulls, np.ascontiguousarray(frames[: arm.n]))[0]
+            found = refine(
+                tuple(int(x) for x in pair), arrays, hulls, np.ascontiguousarray(frames[: arm.n]), np.inf, seed
+            )[0]
             kind = int(pair[2] == SELF)
             out[k, kind] = min(out[k, kind], found)
     return out
@@ -118,7 +120,12 @@ def test_the_room_of_a_pair_of_hulls_falls_as_its_slope_says_and_near_pairs_are_
         pair_rooms(arm.chain, bodies, q + shift, 0.0, slots, room, np.empty((0, 0, 0)))
         k, pair, rooms = pairs.find(q + shift, 0.03)
         np.testing.assert_array_equal(np.argwhere(room < 0.03), np.column_stack([k, pair]))
-        np.testing.assert_array_equal(room[k, pair], rooms)
+        np.testing.assert_allclose(room[k, pair], rooms, rtol=0.0, atol=2e-7)  # two searches
+        without = NearPairs(arm, scene, len(q)), pairs
+        besides = np.ascontiguousarray(slots[:, slots[0] % 3 == 0])
+        for near in without:
+            at, others, _rooms = near.find(q + shift, 0.03, besides)
+            np.testing.assert_array_equal(np.column_stack([at, others]), np.column_stack([k, pair])[pair % 3 > 0])
 
 
 def test_a_point_to_point_motion_among_boxes_is_planned_where_capsules_refuse_it(folder: Path) -> None:

@@ -20,7 +20,7 @@ from planners.following.joint_path import JointPath
 from planners.paths.base import Path
 from planners.timing import base
 from planners.timing import toppra as toppra_law
-from planners.timing._sectional.ramps import Ramp, law_of, make_table, phases_of, ratio_of
+from planners.timing._sectional import Ramp, law_of, make_table, phases_of, ratio_of
 from planners.timing.base import refit
 from planners.timing.constant_speed import _distance as distance_of
 from planners.timing.quintic import Quintic

@@ -14,10 +14,10 @@ from scipy.interpolate import PPoly
 import optik
 from optik.arm.limits import VelocityByPosition
 from optik.types import Array
-from planners import AccelerationByVelocity, Grip, MotionLimits, OpenContainer, Suction, Tray
-from planners.certificate import peak
+from planners import MotionLimits
+from planners.certificate import bounds
 from planners.certificate.analysis import MotionAnalysis
-from planners.limits import kind_of
+from planners.limits import AccelerationByVelocity, Grip, OpenContainer, Suction, Tray, kind_of
 from planners.limits._bernstein import ROUNDING, multiply, on_pieces, proves_above
 from planners.limits._combination import Combination
 from planners.trajectory import Trajectory
@@ -54,8 +54,8 @@ class Whole(MotionAnalysis):
             return np.asarray(enclose(first, last, h, self.remainder * B, self.remainder * P, self.remainder * D))
 
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(peak, "PEAK_INTERVALS", 0)
-            return peak.prove_peaks(self.bounds, evaluate, bound, excess, count)
+            patch.setattr(bounds, "PEAK_INTERVALS", 0)
+            return bounds.prove_peaks(self.bounds, evaluate, bound, excess, count)
 
 
 class Bare(Whole):

@@ -15,28 +15,11 @@ import optik
 from optik.arm.limits import JointLimits, VelocityByPosition
 from optik.errors import InvalidInput, UnknownName
 from optik.types import Array
-from planners import (
-    AccelerationByVelocity,
-    Grip,
-    JointLine,
-    Line,
-    MotionLimits,
-    OpenContainer,
-    Plan,
-    Suction,
-    Tray,
-    certify,
-    free,
-    load_motion,
-    make_law,
-    plan,
-    replan,
-    save,
-)
+from planners import JointLine, Line, MotionLimits, Plan, certify, free, load_motion, make_law, plan, replan, save
 from planners.certificate.analysis import MotionAnalysis
-from planners.limits import kind_of
+from planners.limits import AccelerationByVelocity, Grip, OpenContainer, Suction, Tray, kind_of
 from planners.limits.base import PathPoints
-from planners.limits.record import find_reversals
+from planners.limits.record import find_velocity_reversals
 from planners.trajectory import Trajectory
 from tests import oracles
 
@@ -98,7 +81,7 @@ def test_joints_rest_or_reverse_where_they_barely_move_or_change_their_sign() ->
         (-backwards, [False, True, False]),
         (across, [True, True, False]),
     ):
-        np.testing.assert_array_equal(find_reversals(q1[:, None])[:, 0], rests)
+        np.testing.assert_array_equal(find_velocity_reversals(q1[:, None])[:, 0], rests)
 
 
 @pytest.mark.parametrize("name", list(LIMITS))
@@ -189,7 +172,7 @@ def test_the_optimum_is_faster_than_a_motion_slowed_as_a_whole(name: str) -> Non
     kind, analysis = kind_of(name), free.certificate.motion
     slowed = kind.stretch_factor(analysis, MotionLimits(extra={name: LIMITS[name]}).bounds(6)[name])
     assert free.duration < planned(name).duration < 0.995 * slowed * free.duration
-    reached = certify(arm(), moving(name), free.trajectory.slowed(slowed), MotionLimits(extra={name: LIMITS[name]}))
+    reached = certify(arm(), moving(name), free.trajectory.stretched(slowed), MotionLimits(extra={name: LIMITS[name]}))
     assert reached.worst(name)[0] == pytest.approx(1.0, abs=2e-3)
 
 

@@ -13,9 +13,9 @@ from scipy.interpolate import PPoly
 import optik
 from optik.arm.limits import VelocityByPosition
 from optik.types import Array
-from planners import AccelerationByVelocity, Grip, MotionLimits, OpenContainer, Suction
+from planners import MotionLimits
 from planners.certificate.analysis import MotionAnalysis
-from planners.limits import ALL_LIMITS, Limit, PathPoints, kind_of
+from planners.limits import ALL_LIMITS, AccelerationByVelocity, Grip, Limit, OpenContainer, PathPoints, Suction, kind_of
 from planners.limits._combination import Combination
 from planners.trajectory import Trajectory
 from planners.trajectory.curve import apply_chain_rule, monomials

@@ -37,9 +37,9 @@ from planners import (
 from planners.cell import make_drive
 from planners.certificate.path_error import path_error
 from planners.certificate.torque import TorqueBounds, bound_fourths
-from planners.choice.clearances import pair_rooms
 from planners.choice.columns import joint_changes, tool_changes
 from planners.choice.programme import write_torque_changes
+from planners.choice.rows import pair_rooms
 from tests.oracles.linkages import KINDS, Linkage
 
 BALLS = "".join(

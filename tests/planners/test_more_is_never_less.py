@@ -14,8 +14,8 @@ from optik import Robot, Scene, se3
 from optik.errors import InvalidInput
 from optik.types import Array
 from planners import Arc, Line, MotionLimits, Plan, Polyline, free, plan
-from planners.following.collision import CollisionCheck
-from planners.following.resolve import nodes
+from planners.following.branches import CollisionCheck
+from planners.following.resolve import graph
 from planners.following.resolve.freedoms import Resolver
 from planners.paths.base import Path
 
@@ -247,7 +247,7 @@ def test_a_loaded_machine_gives_the_same_plan(monkeypatch: pytest.MonkeyPatch) -
     robot, path, _q = seam(3)
     durations = []
     for speed, limit in ((1e-9, 1e6), (100.0, 1e6), (1e9, None)):
-        monkeypatch.setattr(nodes, "perf_counter", Clock(speed))
+        monkeypatch.setattr(graph, "perf_counter", Clock(speed))
         found = plan(robot, free(path, turn=TURN), limits=LIMITS, time_limit=limit)
         assert found.resolution is not None and not found.resolution.limited
         durations.append(found.duration)
@@ -256,7 +256,7 @@ def test_a_loaded_machine_gives_the_same_plan(monkeypatch: pytest.MonkeyPatch) -
 
 def test_a_plan_that_met_its_time_limit_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     robot, path, _q = seam(3)
-    monkeypatch.setattr(nodes, "perf_counter", Clock(1.0))
+    monkeypatch.setattr(graph, "perf_counter", Clock(1.0))
     found = plan(robot, free(path, turn=TURN), limits=LIMITS, time_limit=3.0)
     assert found.resolution is not None and found.resolution.limited
     assert "ended by time_limit" in str(found)
@@ -270,7 +270,7 @@ def test_the_budget_of_work_ends_a_search(monkeypatch: pytest.MonkeyPatch) -> No
     path = Line(T, T @ se3.pose(p=[0.0, 2.0, 0.0]))
     whole = Resolver(robot, path, None, np.inf)
     assert whole.find(None, held=False, many=True)[1].stuck is not None and not whole.sampler.is_over
-    monkeypatch.setattr(nodes, "MOST_WORK", whole.sampler.work // 4)
+    monkeypatch.setattr(graph, "MOST_WORK", whole.sampler.work // 4)
     part = Resolver(robot, path, None, np.inf)
     made = part.find(None, held=False, many=True)[1]
     assert "budget of" in made.reason and made.reached and not made.limited

@@ -28,7 +28,7 @@ from planners.limits import (
 )
 from planners.limits.inputs import LimitedMotion
 from planners.limits.record import RecordLimit
-from planners.motion.fit import fit_to_limits, stretch_factor
+from planners.motion.motion import find_stretch_factor, stretch_to_limits
 from tests.oracles import REPOSITORY
 from tests.outside import everything
 from tests.planners.cases import START, default_joint_path, default_line, paper6r
@@ -103,7 +103,7 @@ def test_every_limit_scales_with_time_and_is_kept(limit: str) -> None:
     kind, law = kind_of(limit), plan(paper6r(), default_line(), START, limits=OUR).trajectory
     one = MotionLimits(extra={limit: 1.0})
     fast, slow = (
-        certify(paper6r(), default_line(), motion, one).worst(kind.name)[0] for motion in (law, law.slowed(2.0))
+        certify(paper6r(), default_line(), motion, one).worst(kind.name)[0] for motion in (law, law.stretched(2.0))
     )
     if kind.homogeneous:
         assert fast == pytest.approx(slow * 2.0**kind.order, rel=1e-6)
@@ -166,13 +166,13 @@ def test_fit_scales_by_what_the_limit_says() -> None:
     fast = plan(paper6r(), default_line(), START, limits=OUR).trajectory
     worst = float(fast.extrema(2).worst.max())
     limits = MotionLimits(extra={"loaded_acceleration": 1.0 + worst / 4.0})
-    assert stretch_factor(MotionAnalysis(paper6r(), fast), limits) == pytest.approx(2.0, rel=1e-12)
-    slow = fit_to_limits(paper6r(), fast, limits)
+    assert find_stretch_factor(MotionAnalysis(paper6r(), fast), limits) == pytest.approx(2.0, rel=1e-12)
+    slow = stretch_to_limits(paper6r(), fast, limits)
     assert slow.duration / fast.duration == pytest.approx(2.0, rel=1e-9)
-    assert stretch_factor(MotionAnalysis(paper6r(), slow), limits) <= 1.0
-    assert stretch_factor(MotionAnalysis(paper6r(), fast), limits, ("velocity",)) == 0.0
+    assert find_stretch_factor(MotionAnalysis(paper6r(), slow), limits) <= 1.0
+    assert find_stretch_factor(MotionAnalysis(paper6r(), fast), limits, ("velocity",)) == 0.0
     with pytest.raises(NoSolution, match="any speed"):
-        fit_to_limits(paper6r(), fast, MotionLimits(extra={"loaded_acceleration": 0.9}))
+        stretch_to_limits(paper6r(), fast, MotionLimits(extra={"loaded_acceleration": 0.9}))
     never = plan(
         paper6r(), default_line(), START, limits=MotionLimits(2.0, 10.0, 100.0, extra={"loaded_acceleration": 0.9})
     )

@@ -6,7 +6,7 @@ import pytest
 import optik
 from optik import Scene
 from planners import Arc, MotionLimits, plan, replan
-from planners.limits.least_duration import compute_least_duration
+from planners.limits.motion_limits import compute_least_duration
 from planners.paths.point_to_point import PointToPoint
 from tests.planners.cases import START, paper6r
 from tests.seeds import shift_seed

@@ -282,7 +282,7 @@ def test_the_end_is_met_however_far_apart_the_limits_are(limits: MotionLimits) -
 
 
 def test_limits_far_apart_take_tens_of_iterations(monkeypatch: pytest.MonkeyPatch) -> None:
-    counts, real, rng = [], iteration.solve, np.random.default_rng(0)
+    counts, real, rng = [], iteration.solve_barrier, np.random.default_rng(0)
     monkeypatch.setattr(iteration, "solve", lambda *given: counts.append(real(*given)) or counts[-1])
     for k in range(8):
         limits = np.array([2.0, 10.0, 100.0]) * 10.0 ** rng.uniform(-3.0, 3.0, 3)

@@ -10,10 +10,11 @@ import pytest
 import optik
 import planners
 from optik.errors import InvalidInput, NoSolution
-from planners import MotionLimits, TimeLaw, Trajectory
+from planners import MotionLimits, Trajectory
 from planners.certificate.analysis import MotionAnalysis
 from planners.following.joint_path import JointPath
-from planners.motion.fit import fit_to_limits, stretch_factor
+from planners.motion.motion import find_stretch_factor, stretch_to_limits
+from planners.timing import TimeLaw
 from planners.timing.quintic import Quintic
 from planners.timing.toppra import Toppra
 from tests.planners.cases import START, default_joint_path, paper6r
@@ -90,7 +91,10 @@ def test_promises_that_are_no_limits_are_refused_before_anything_runs(enforced: 
 @pytest.mark.parametrize("enforced", ["velocity", ("jrek",)])
 def test_motions_are_fitted_to_limits_that_exist(enforced: Any) -> None:
     trajectory = Quintic(duration=2.0).run(default_joint_path(), LIMITS)
-    for use in (fit_to_limits, lambda robot, motion, *rest: stretch_factor(MotionAnalysis(robot, motion), *rest)):
+    for use in (
+        stretch_to_limits,
+        lambda robot, motion, *rest: find_stretch_factor(MotionAnalysis(robot, motion), *rest),
+    ):
         with pytest.raises(InvalidInput, match="enforced"):
             use(paper6r(), trajectory, LIMITS, enforced)
 

@@ -6,8 +6,7 @@ from scipy.interpolate import PPoly
 
 from optik import DHRow, JointLimits, Robot
 from planners import JointLine, Trajectory
-from planners.certificate.path_bounds import _fall
-from planners.certificate.path_error import path_error
+from planners.certificate.path_error import _fall, path_error
 
 
 @pytest.mark.parametrize("still", [(False, False), (True, False), (False, True), (True, True)])

@@ -10,22 +10,11 @@ import optik
 from optik.arm.library import load
 from optik.errors import InvalidInput, NoSolution, OptikError, OutputError, UnknownName
 from optik.ik import make_solver
-from planners import (
-    Arc,
-    JointLine,
-    Line,
-    MotionLimits,
-    Plan,
-    PlanStatus,
-    TimeLaw,
-    Trajectory,
-    laws,
-    make_law,
-    plan,
-    replan,
-)
+from planners import Arc, JointLine, Line, MotionLimits, Plan, Trajectory, laws, make_law, plan, replan
 from planners.following.failure import FollowStatus
 from planners.following.joint_path import JointPath
+from planners.planning import PlanStatus
+from planners.timing import TimeLaw
 from tests import oracles
 from tests.oracles import PAPER
 from tests.planners.cases import START, default_joint_path, default_line, paper6r
@@ -78,8 +67,8 @@ def test_a_plan_has_its_joint_path_its_motion_and_its_certificate(law: str) -> N
     np.testing.assert_allclose(result.joint_path.q, default_joint_path().q, rtol=0.0, atol=1e-13)
     assert result.prefix is result.joint_path
     again = make_law(law).run(default_joint_path(), LIMITS)
-    assert result.trajectory.duration == pytest.approx(result.slowed * again.duration, rel=1e-9)
-    assert result.slowed == 1.0 if law != "toppra" else 1.0 <= result.slowed < 1.001
+    assert result.trajectory.duration == pytest.approx(result.stretch_factor * again.duration, rel=1e-9)
+    assert result.stretch_factor == 1.0 if law != "toppra" else 1.0 <= result.stretch_factor < 1.001
     assert result.certificate.is_valid
     assert result.certificate.law == law
     assert result.certificate.enforced == make_law(law).enforced
@@ -265,7 +254,7 @@ def test_the_data_of_a_plan_that_fails_say_its_reason() -> None:
 # ---------------------------------------------------------------- limits, durations, goals
 def test_what_a_law_promises_and_passes_is_slowed_or_refused() -> None:
     slowed = planned(timing="toppra", samples=151)
-    assert slowed.slowed > 1.0
+    assert slowed.stretch_factor > 1.0
     assert slowed.certificate.is_valid
     assert max(slowed.certificate.worst(f)[0] for f in ("velocity", "acceleration")) <= 1.0
     strict = planned(timing="toppra", samples=151, strict=True)

@@ -11,10 +11,11 @@ import optik
 from optik import Scene, Shapes
 from optik.errors import InvalidInput, NoSolution
 from optik.types import Array
-from planners import JointLine, MotionLimits, Plan, PointToPoint, ViaPoint, plan
+from planners import JointLine, MotionLimits, Plan, PointToPoint, plan
 from planners.choice.choose import JointChoice
-from planners.choice.vias import pass_through
-from planners.paths.joint_bounds import reach_bounds
+from planners.choice.rows import pass_through
+from planners.paths import ViaPoint
+from planners.paths.joint_curve import reach_bounds
 from planners.timing.optimal import Optimal
 from tests import oracles
 from tests.seeds import shift_seed

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from planners import Plan, PlanStatus, plan
+from planners import Plan, plan
 from planners.limits import DERIVATIVES
+from planners.planning import PlanStatus
 from tests import oracles
 from tests.planners.polylines import draw
 

@@ -12,8 +12,9 @@ import optik
 import planners
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners import Chunk, MotionLimits, RetargetStatus, retarget, stream
-from planners.retarget.poses import resolve_poses
+from planners import MotionLimits, retarget, stream
+from planners.streams import Chunk, RetargetStatus
+from planners.streams.chunk import resolve_poses
 from planners.trajectory import make_rest
 from tests.planners.test_retarget import PANDA, REST, check_motion
 from tests.seeds import shift_seed

@@ -16,25 +16,13 @@ from optik import se3
 from optik.errors import InvalidInput
 from optik.scene import contact
 from optik.types import Array
-from planners import (
-    Dwell,
-    JointLine,
-    Line,
-    MotionLimits,
-    Move,
-    Part,
-    PathEvent,
-    PlanStatus,
-    PointToPoint,
-    Polyline,
-    Program,
-    ToolChange,
-)
+from planners import JointLine, Line, MotionLimits, Part, PointToPoint, Polyline, Program
 from planners.motion.show import show_motion
 from planners.paths.joint_curve import JointCurve
-from planners.program.corners import ON_CURVE, _round, place_nodes
+from planners.planning import PlanStatus
+from planners.program import Dwell, Move, PathEvent, ToolChange
 from planners.program.following import fade_out
-from planners.program.joining import sharpen
+from planners.program.joining import ON_CURVE, _round, place_nodes, sharpen
 
 ROBOT = optik.load("ur5e")
 START = np.array([0.0, -1.57, 1.57, -1.57, -1.57, 0.0])

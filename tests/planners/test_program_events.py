@@ -10,8 +10,10 @@ import scipy
 import optik
 import planners
 from optik.errors import InvalidInput, NoSolution
-from planners import Dwell, Event, MotionLimits, Move, Part, PathEvent, PeriodicEvent, Program, TimedEvent
+from planners import MotionLimits, Part, Program
 from planners.cell.drives.ideal import METHOD as Ideal
+from planners.motion import Event
+from planners.program import Dwell, Move, PathEvent, PeriodicEvent, TimedEvent
 
 ROBOT = optik.load("ur5e")
 HOME = np.deg2rad([0.0, -90.0, 90.0, -90.0, -90.0, 0.0])

@@ -8,19 +8,8 @@ import pytest
 import optik
 import planners
 from optik.errors import AssumptionWarning, InvalidInput
-from planners import (
-    Arc,
-    Dwell,
-    Move,
-    Part,
-    PathEvent,
-    PeriodicEvent,
-    Polyline,
-    Spline,
-    TimedEvent,
-    ToolChange,
-    load_program,
-)
+from planners import Arc, Part, Polyline, Spline, load_program
+from planners.program import Dwell, Move, PathEvent, PeriodicEvent, TimedEvent, ToolChange
 from planners.program.file import read_program
 from tests.oracles import REPOSITORY
 

@@ -13,9 +13,11 @@ import planners
 from optik import registry, se3
 from optik.arm.limits import VelocityByPosition
 from optik.errors import InvalidInput, UnknownName
-from planners import Dwell, Line, MotionLimits, Move, Part, PlanStatus, Program, ToolChange
+from planners import Line, MotionLimits, Part, Program
 from planners.limits import ALL_LIMITS
 from planners.paths.program import ProgramPath
+from planners.planning import PlanStatus
+from planners.program import Dwell, Move, ToolChange
 from planners.trajectory import append_rest, join
 
 HAND = optik.load("panda_hand")
@@ -118,7 +120,7 @@ CYCLE = [
 @pytest.fixture(scope="module")
 def sucked() -> planners.ProgramPlan:
     return planners.plan(
-        UR, Program(CYCLE), UR_HOME, limits=replace(LIMITS, extra={"suction": planners.Suction(0.5, 20.0)})
+        UR, Program(CYCLE), UR_HOME, limits=replace(LIMITS, extra={"suction": planners.limits.Suction(0.5, 20.0)})
     )
 
 
@@ -128,7 +130,7 @@ def test_goods_limit_the_sections_that_carry_them(sucked) -> None:
     same = [a.duration == pytest.approx(b.duration) for a, b in zip(sucked.sections, free.sections, strict=True)]
     assert same[0] and same[3] and sucked.sections[2].duration > 1.1 * free.sections[2].duration
     assert sucked.certificate.extreme("suction").ratio == pytest.approx(1.0, abs=1e-5)
-    heavy = planners.Suction(0.5, 20.0, mass=1.5)
+    heavy = planners.limits.Suction(0.5, 20.0, mass=1.5)
     for one in sucked.sections[1:3]:
         proof = planners.certify(UR, one.path, one.trajectory, MotionLimits(extra={"suction": heavy}))
         assert proof.is_valid and proof.extreme("suction").ratio == pytest.approx(
@@ -149,7 +151,7 @@ def test_the_sections_without_goods_are_listed_also_from_a_file_and_after_replan
         when = sucked.times[section]
         onward = planners.replan(sucked, 0.5 * (when.begin + when.rest))
         assert onward and onward.certificate.exempt == {"suction": exempt}
-    weaker = replace(sucked.limits, extra={"suction": planners.Suction(0.5, 18.0)})
+    weaker = replace(sucked.limits, extra={"suction": planners.limits.Suction(0.5, 18.0)})
     slower = planners.replan(sucked, 0.5 * sucked.times[0].rest, limits=weaker)
     assert slower and slower.sections[3].duration == pytest.approx(sucked.sections[3].duration)
     assert slower.sections[2].duration > sucked.sections[2].duration
@@ -159,18 +161,18 @@ def test_the_sections_without_goods_are_listed_also_from_a_file_and_after_replan
 def test_goods_count_everywhere_in_a_program_without_a_payload() -> None:
     turned = UR.fk(UR_HOME + np.array([0, 0, 0, 0.6, 0, 0]))
     items = [Part(off(0, 0.1, 0), move="joint"), Part(turned, move="joint"), Part(UR_HOME)]
-    cup = replace(LIMITS, extra={"open_container": planners.OpenContainer(0.3, axis="-z")})
+    cup = replace(LIMITS, extra={"open_container": planners.limits.OpenContainer(0.3, axis="-z")})
     tilted = planners.plan(UR, Program(items), UR_HOME, limits=cup)
     assert not tilted and tilted.failure.part == 1 and "open container" in tilted.failure.reason
     carried = [items[0], ToolChange(payload=0.5), Part(off(0, 0.1, 0.1)), ToolChange(payload=None), *items[1:]]
     held = planners.plan(UR, Program(carried), UR_HOME, limits=cup)
     assert held and held.certificate.exempt == {"open_container": (0, 2, 3)}
-    light = replace(LIMITS, extra={"suction": planners.Suction(0.5, 18.0, mass=1.5)})
+    light = replace(LIMITS, extra={"suction": planners.limits.Suction(0.5, 18.0, mass=1.5)})
     found = planners.plan(UR, Program([items[0], items[2]]), UR_HOME, limits=light)
     assert found and found.certificate.exempt == {} and found.certificate.extreme("suction").ratio > 0.99
     with pytest.raises(InvalidInput, match="no mass"):
         planners.plan(
-            UR, Program(items), UR_HOME, limits=replace(LIMITS, extra={"suction": planners.Suction(0.5, 20.0)})
+            UR, Program(items), UR_HOME, limits=replace(LIMITS, extra={"suction": planners.limits.Suction(0.5, 20.0)})
         )
 
 
@@ -212,9 +214,9 @@ EYE = [[float(i == j) for j in range(6)] for i in range(6)]
 BOUNDS = {
     "velocity": 1.6, "acceleration": 12.0, "jerk": 250.0, "tool_speed": 0.8, "rotation_speed": 0.7,
     "torque": [60.0, 60.0, 60.0, 6.0, 6.0, 6.0], "torque_rate": [400.0, 900.0, 400.0, 40.0, 40.0, 40.0],
-    "acceleration_by_velocity": planners.AccelerationByVelocity(12.0, 14.0, 3.0), "body_speed": 1.2,
-    "grip": planners.Grip(0.5, 11.0, 1.0), "open_container": planners.OpenContainer(0.6, "-z"),
-    "suction": planners.Suction(0.5, 30.0, 1.0), "tray": planners.Tray(0.7, None, "-z"),
+    "acceleration_by_velocity": planners.limits.AccelerationByVelocity(12.0, 14.0, 3.0), "body_speed": 1.2,
+    "grip": planners.limits.Grip(0.5, 11.0, 1.0), "open_container": planners.limits.OpenContainer(0.6, "-z"),
+    "suction": planners.limits.Suction(0.5, 30.0, 1.0), "tray": planners.limits.Tray(0.7, None, "-z"),
     "velocity_by_position": VelocityByPosition(np.full(6, 0.2), np.full(6, 0.4)),
     "motor_velocity": {"matrix": EYE, "bound": [1.6] * 6}, "motor_acceleration": {"matrix": EYE, "bound": [12.0] * 6},
     "motor_jerk": {"matrix": EYE, "bound": [250.0] * 6},
@@ -238,7 +240,7 @@ def uneven():
         q = plans[-1].goal
     middle = 0.5 * (ends[1][:3, 3] + ends[2][:3, 3]) + [0.0, 0.0078, 0.0]
     paths = [plans[0].path, planners.Arc.through(ends[1], middle, ends[2])]
-    motions = [plans[0].trajectory.without_s, plans[1].trajectory.without_s.slowed(1.0 / 3.0)]
+    motions = [plans[0].trajectory.without_s, plans[1].trajectory.without_s.stretched(1.0 / 3.0)]
     whole = join(append_rest(motions[0], 0.1), motions[1])
     extra = {name: bound for name, bound in BOUNDS.items() if name not in ALL_LIMITS}
     limits = MotionLimits(**{name: BOUNDS[name] for name in ALL_LIMITS}, extra=extra)

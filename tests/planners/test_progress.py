@@ -140,7 +140,7 @@ def test_a_motion_nowhere_near_its_path_gets_the_nearest_places() -> None:
 @pytest.mark.parametrize("count", [300, 3000])
 def test_long_polylines_cost_what_their_length_costs(count: int, monkeypatch: Any) -> None:
     """No more pairs of an instant and a chord are looked at than some for each instant."""
-    from planners.certificate import chord_search
+    from planners.certificate import projection
 
     rng = np.random.default_rng(0)
     u = np.linspace(0.0, 1.0, count)
@@ -148,5 +148,5 @@ def test_long_polylines_cost_what_their_length_costs(count: int, monkeypatch: An
     points += 0.15 / count * rng.normal(size=(count, 3))
     path = Polyline([se3.pose(np.eye(3), p) for p in points], blend=1e-3)
     s = path.grid(4 * count, 3)
-    monkeypatch.setattr(chord_search, "MOST_PAIRS", 60 * s.size)
+    monkeypatch.setattr(projection, "MOST_PAIRS", 60 * s.size)
     np.testing.assert_allclose(positions_along(path, path.pose(s)), s, rtol=0.0, atol=1e-3)

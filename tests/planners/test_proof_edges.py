@@ -20,7 +20,7 @@ from optik.scene.distance import DISTANCE_ROUNDING
 from optik.scene.model import UNIT_NORMAL
 from optik.types import Array
 from planners import Trajectory
-from planners.certificate import checks
+from planners.certificate import analysis
 from planners.certificate import clearance as module
 from planners.certificate.analysis import MotionAnalysis
 from planners.certificate.clearance import POSITION_STEP, VELOCITY_STEP, clearance
@@ -346,24 +346,23 @@ def proved_energy(robot: Robot, motion: Trajectory) -> float:
 
 # ---------------------------------------------------------------- thresholds
 STATED = {
-    "planners.certificate.checks": {
+    "planners.certificate.analysis": {
         "JUMP": 1e-5, "STEP_ROUNDING": 1e-14, "AT_REST": 1e-9, "COVERED": (1e-5, 1e-5), "LIMIT_TOLERANCE": 1e-9,
+        "CROSSING_ROUNDING": 1e-12,
     },
     "planners.certificate.clearance": {"POSITION_STEP": 1e-11, "VELOCITY_STEP": 1e-10},
     "planners.certificate.certificate": {"RATIO_ROUNDING": 1e-12},
     "planners.certificate.path_error": {"ERROR_EXCESS": 1.048, "ERROR_FLOOR": 1e-9, "ERROR_ROUNDING": 2e-15},
     "planners.certificate.torque": {"TORQUE_EXCESS": 1e-5, "TORQUE_FLOOR": 1e-2, "STANDSTILL": 1e-9},
-    "planners.certificate.segment_speed": {"CROSSING_ROUNDING": 1e-12},
-    "planners.certificate.sections": {"STILL": 1e-9, "UNMOVED": 1e-12, "AT_STOP": 1e-6},
+    "planners.certificate.certification": {"STILL": 1e-9, "UNMOVED": 1e-12, "AT_STOP": 1e-6},
     "planners.certificate.frechet": {"CHORD_FRACTION": 0.01, "GAP": 1e-3},
     "planners.limits._bernstein": {"ROUNDING": 1e-13},
     "planners.limits.kinds": {"AT_BREAK": 1e-9, "STANDING_SHARE": 1e-9},
     "planners.limits.velocity_by_position": {"FIRST_EXCESS": 1e-9, "STILL": 1e-12},
     "planners.limits._specific_force": {"PROOF_EXCESS": 1e-5},
     "planners.limits._motor_torque": {"TORQUE_EXCESS": 1e-5, "AT_REST": 1e-9},
-    "planners.retarget.certificate": {"CONTINUOUS": 1e-9, "EXCESS": 1e-9},
-    "planners.retarget.result": {"JOINED_WITHIN": 0.01},
-    "planners.program.corners": {"ON_CURVE": 1e-8, "MIDDLE": 5.0 / 64.0},
+    "planners.streams.result": {"CONTINUOUS": 1e-9, "EXCESS": 1e-9, "JOINED_WITHIN": 0.01},
+    "planners.program.joining": {"ON_CURVE": 1e-8, "MIDDLE": 5.0 / 64.0},
     "planners.program.following": {"GAP": 1e-6, "NO_GAP": 1e-12},
     "planners.cell.drives._checks": {"GREATEST_STEP": 1.0 + 1e-6},
     "planners.cell.calibration": {"CONFIDENCE": 0.999, "MOST_LEFT_OUT": 0.25, "MOST_TURN": 0.05},
@@ -383,8 +382,8 @@ def rounding(motion: Trajectory) -> Array:
     """Rounding errors of derivatives (4, m + 1, n) at the knots, from the shorter piece beside each."""
     h = np.diff(motion.knots)
     shorter = np.minimum(np.append(h, h[-1]), np.append(h[0], h))
-    size = np.maximum(motion.extrema(0).worst, checks.FROM_AFAR)
-    return checks.STEP_ROUNDING * size / shorter[None, :, None] ** np.arange(4)[:, None, None]
+    size = np.maximum(motion.extrema(0).worst, analysis.FROM_AFAR)
+    return analysis.STEP_ROUNDING * size / shorter[None, :, None] ** np.arange(4)[:, None, None]
 
 
 @pytest.mark.parametrize("order", range(4))
@@ -395,11 +394,11 @@ def test_a_jump_is_one_just_above_its_threshold(order: int, share: float, jumps:
     smooth = Trajectory(quintic_through(t, q, np.array([[0.0, 0.0], [1.0, 5.0], [0.0, 0.0]]), np.zeros((3, 2))))
     c, moved = smooth.coefficients.copy(), smooth
     for _ in range(4):  # the jump changes the largest value that it is compared with
-        most = checks.JUMP * moved.extrema(order).worst + rounding(moved)[order, 1]
+        most = analysis.JUMP * moved.extrema(order).worst + rounding(moved)[order, 1]
         c[5 - order, 1, 0] += (share * most[0] - moved.jumps(order)[0, 0]) / factorial(order)
         moved = Trajectory(PPoly(c, smooth.knots))
     assert moved.jumps(order)[0, 0] == pytest.approx(share * most[0], rel=1e-3)
-    assert checks.jumps(moved, checks.rest(moved))[order, 1, 0] == jumps
+    assert analysis.jumps(moved, analysis.rest(moved))[order, 1, 0] == jumps
 
 
 @pytest.mark.parametrize(("share", "rests"), [(0.99, True), (1.01, False)])
@@ -410,14 +409,14 @@ def test_a_motion_is_at_rest_just_below_its_threshold(share: float, rests: bool,
     still = Trajectory(quintic_through(t, q, v, np.zeros((4, 2))))
     most = rounding(still)[1, -end]
     if end:
-        most = most + checks.AT_REST * still.extrema(1).worst
+        most = most + analysis.AT_REST * still.extrema(1).worst
     v[-end, 0] = share * most[0]
-    found = checks.rest(Trajectory(quintic_through(t, q, v, np.zeros((4, 2)))))
+    found = analysis.rest(Trajectory(quintic_through(t, q, v, np.zeros((4, 2)))))
     assert found[end] == rests and found[1 - end]
 
 
 def test_a_joint_that_stands_at_0_is_at_rest() -> None:
-    assert checks.rest(polynomial((1.0, np.array([[0.0, 0.3]])))) == (True, True)
+    assert analysis.rest(polynomial((1.0, np.array([[0.0, 0.3]])))) == (True, True)
 
 
 @pytest.mark.parametrize("order", [1, 2, 3])
@@ -427,9 +426,9 @@ def test_rounding_counts_by_the_shorter_of_the_pieces_beside_a_knot(order: int, 
     for share in (0.9, 1.1):
         c = np.zeros((6, 4, 2))
         c[5] = worst
-        c[5 - order, knot, 1] = share * checks.STEP_ROUNDING * worst[1] / shorter**order / factorial(order)
+        c[5 - order, knot, 1] = share * analysis.STEP_ROUNDING * worst[1] / shorter**order / factorial(order)
         motion = Trajectory(PPoly(c, np.append(0.0, np.cumsum(h))))
-        assert checks.jumps(motion, (True, True))[order, knot].tolist() == [False, share > 1.0]
+        assert analysis.jumps(motion, (True, True))[order, knot].tolist() == [False, share > 1.0]
 
 
 @pytest.mark.parametrize(("distance", "angle"), [(1.01, 0.5), (0.5, 1.01), (1.01, 1.01), (1.0, 1.0)])
@@ -446,14 +445,14 @@ def test_a_tool_off_its_path_is_named_just_beyond_the_tolerance(
 
 def test_a_joint_leaves_its_range_just_beyond_the_tolerance() -> None:
     for share in (1.0, 1.01):
-        margins = np.array([0.3, -share * checks.LIMIT_TOLERANCE, 0.1])
-        found = checks.find_position_violations(margins, ("a", "b", "c"))
+        margins = np.array([0.3, -share * analysis.LIMIT_TOLERANCE, 0.1])
+        found = analysis.find_position_violations(margins, ("a", "b", "c"))
         assert [x.joint for x in found] == (["b"] if share > 1.0 else [])
     limits = JointLimits([-0.5], [2.0])
     robot = Robot("bar", np.eye(4)[None], np.array([False]), np.eye(4), limits)
     for low, high in ((-0.3, 1.9), (-0.1, 0.2), (-0.7, 1.0), (0.0, 2.3)):
         motion = polynomial((1.0, [[high - low], [low]]))
-        assert checks.position_margins(robot, motion)[0] == pytest.approx(min(low + 0.5, 2.0 - high), abs=1e-12)
+        assert analysis.position_margins(robot, motion)[0] == pytest.approx(min(low + 0.5, 2.0 - high), abs=1e-12)
 
 
 def test_the_jerk_that_a_controller_sees_of_a_long_motion_is_found_at_its_knots(
@@ -462,10 +461,10 @@ def test_the_jerk_that_a_controller_sees_of_a_long_motion_is_found_at_its_knots(
     """An acceleration that jumps at one knot, of more periods than are all looked at."""
     pieces = [(3.0, [[0.05], [0.0], [0.0]]), (2.0, [[-0.2], [0.3], [0.45]]), (4.0, [[0.01], [0.0], [0.0]])]
     motion, largest = polynomial(*pieces), 2.0 * 0.25 * 100.0
-    for most in (checks.PERIODS, 20):
-        monkeypatch.setattr(checks, "PERIODS", most)
-        assert checks.sampled_jerk(motion, 100.0)[0] == pytest.approx(largest, rel=1e-9)
-    for rate in checks.RATES:
-        assert np.isfinite(checks.sampled_jerk(motion, rate)).all()
+    for most in (analysis.PERIODS, 20):
+        monkeypatch.setattr(analysis, "PERIODS", most)
+        assert analysis.sampled_jerk(motion, 100.0)[0] == pytest.approx(largest, rel=1e-9)
+    for rate in analysis.RATES:
+        assert np.isfinite(analysis.sampled_jerk(motion, rate)).all()
         with pytest.raises(InvalidInput, match="rate"):
-            checks.check_rate(rate * (1.01 if rate > 1.0 else 0.99))
+            analysis.check_rate(rate * (1.01 if rate > 1.0 else 0.99))

@@ -12,18 +12,18 @@ import optik
 from optik import Robot, Scene
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners import Line, MotionLimits, Part, PlanStatus, Polyline, Program, ProgramPlan, follow, free, plan
-from planners.following.collision import CollisionCheck
+from planners import Line, MotionLimits, Part, Polyline, Program, ProgramPlan, follow, free, plan
+from planners.following.branches import CollisionCheck
 from planners.following.failure import ASKED, FollowStatus, PlanFailure
 from planners.following.resolve import Resolution, resolve
-from planners.following.resolve.extend import columns_of, extend
-from planners.following.resolve.graph import Graph, find_edges, join
-from planners.following.resolve.nodes import Layer, Sampler
+from planners.following.resolve.freedoms import columns_of, extend
+from planners.following.resolve.graph import Graph, Layer, Sampler, find_edges, join_layers
 from planners.freedom.base import Freedom
 from planners.motion.show import show_motion
 from planners.paths.base import Path
 from planners.paths.free_path import FreePath
 from planners.paths.stretch import Stretch
+from planners.planning import PlanStatus
 from tests.figures import resolve_cuts, resolve_lines, resolve_seams
 from tests.planners.contacts import COAL_ERROR
 
@@ -184,7 +184,7 @@ def test_an_edge_stays_forbidden_where_layers_grow() -> None:
     graph._forbid([(1, 0, 0)])
     assert graph._solve(0) == 1
     for k in (0, 1):  # as an inserted layer does to its neighbours
-        graph.layers[k] = join(graph.layers[k], Layer(np.full((2, 6), 0.5), np.ones(2), np.zeros(2)))
+        graph.layers[k] = join_layers(graph.layers[k], Layer(np.full((2, 6), 0.5), np.ones(2), np.zeros(2)))
     assert graph._solve(0) is None
     assert graph.before[1][0] > 0
 

@@ -14,15 +14,14 @@ import scipy
 import optik
 import planners
 from optik.errors import InvalidInput
-from planners import Chunk, JogVelocity, MotionLimits, RetargetStatus, retarget, stream
+from planners import MotionLimits, retarget, stream
 from planners.limits.base import sides
-from planners.retarget.certificate import certify_joined
-from planners.retarget.chunk import load_chunks
-from planners.retarget.cubics import JointCubics, integrate
-from planners.retarget.interior import MOST_STEPS, make_factors, make_rows, make_stencils, minimise
-from planners.retarget.pace import joint_rows, sweep
-from planners.retarget.reference import evaluate_reference, fit_reference, sample_reference
-from planners.retarget.tracking import make_objective
+from planners.streams import Chunk, JogVelocity, RetargetStatus
+from planners.streams.chunk import load_chunks
+from planners.streams.interior import MOST_STEPS, make_factors, make_rows, make_stencils, minimise
+from planners.streams.motion import JointCubics, integrate, sweep_pace, write_joint_rows
+from planners.streams.reference import evaluate_reference, fit_reference, make_objective, sample_reference
+from planners.streams.result import certify_joined
 from tests.oracles import PinocchioDynamics
 from tests.seeds import shift_seed
 
@@ -456,8 +455,8 @@ def test_a_sweep_reaches_the_rest_of_a_straight_line_in_its_least_time():
     sample_reference(c, 1.0, s, R)
     limits = np.array([[[-9.0, 9.0], [-1.0, 1.0], [-0.5, 0.5], [-1e9, 1e9]]])
     rows, cap, x, times = np.empty((k, n, 4)), np.empty(k), np.empty(k), np.empty(k)
-    joint_rows(R, limits, 100.0, rows, cap)
-    sweep(s, rows, cap, 1e-12, 0.0, x, times)
+    write_joint_rows(R, limits, 100.0, rows, cap)
+    sweep_pace(s, rows, cap, 1e-12, 0.0, x, times)
     v, a = 0.995 / 0.1, 0.95 * 0.5 / 0.1
     exact = np.minimum(np.minimum(2.0 * a * s, v * v), 2.0 * a * (s[-1] - s))
     np.testing.assert_allclose(x[5:-5], exact[5:-5], rtol=1e-3)

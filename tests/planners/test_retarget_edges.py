@@ -9,7 +9,8 @@ import pytest
 
 import optik
 import planners
-from planners import Chunk, MotionLimits, retarget, stream
+from planners import MotionLimits, retarget, stream
+from planners.streams import Chunk
 from tests.planners.test_retarget import PANDA, REST
 
 

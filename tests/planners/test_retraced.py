@@ -25,7 +25,7 @@ from planners import (
     plan,
 )
 from planners.certificate import path_error as path_errors
-from planners.certificate.path_bounds import ComparedInstants, joint_intervals
+from planners.certificate.path_error import ComparedInstants, joint_intervals
 from planners.files.base import from_plain, to_plain
 from tests import oracles
 

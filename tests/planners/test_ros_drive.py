@@ -21,9 +21,9 @@ import optik
 import planners
 from benchmarks.cli.app import app
 from optik.errors import InvalidInput, MissingDependency, NoSolution, OptikError
-from planners.cell.drives._ros_goals import make_message, make_stops
+from planners.cell.drives._ros_run import make_message, make_stops
 from planners.cell.drives.ros import RosDrive
-from planners.cell.stored import restore_plan
+from planners.cell.show import restore_plan
 from planners.ros.rclpy import RclpyTransport
 from planners.ros.rosbridge import Fragments, RosbridgeTransport
 from tests.planners.invalid import invalid
@@ -476,9 +476,11 @@ def test_a_program_with_a_wait_and_events_is_executed_stopped_and_resumed(port):
         planners.Part(q + 0.3, blend=0.01),
         planners.Part(q + np.array([0.5, 0.2, 0.3, 0.2, 0.3, 0.1]), name="there"),
     ]
-    program = planners.Program([*parts, planners.Dwell(0.5), planners.Part(q)])
+    program = planners.Program([*parts, planners.program.Dwell(0.5), planners.Part(q)])
     found = planners.plan(robot, program, q, limits=limits)
-    found = found.schedule([planners.PathEvent("there", None, "gun", fraction=1.0), planners.TimedEvent(0.0, "on")])
+    found = found.schedule(
+        [planners.program.PathEvent("there", None, "gun", fraction=1.0), planners.program.TimedEvent(0.0, "on")]
+    )
     drive = drive_on(address(port, "ok", found), found, **PATIENT)
     with drive.transport:
         stopped = drive.execute(found, stop=0.2)

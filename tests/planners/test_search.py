@@ -17,8 +17,8 @@ from optik.errors import InvalidInput, UnknownName
 from optik.registry import names
 from optik.scene.contact import find_nearest_pairs
 from optik.types import Array
-from planners import SearchStatus, find_path
-from planners.search import JointSpace, Search
+from planners import find_path
+from planners.search import JointSpace, Search, SearchStatus
 from planners.search.base import SearchAttempt, measure_length
 from planners.search.rrt_connect import RRTConnect
 from tests.planners.contacts import REST, drawn, panda, pose, scara, table

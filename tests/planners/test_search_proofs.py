@@ -14,7 +14,7 @@ from optik import JointLimits, Scene, Shapes
 from optik.arm.robot import Robot
 from optik.types import Array
 from planners.search import JointSpace
-from planners.search._edges import find_unproved
+from planners.search._trees import find_unproved
 from tests.planners.contacts import pose
 from tests.seeds import shift_seed
 

@@ -15,7 +15,7 @@ from planners import MotionLimits, Polyline, Trajectory, certify, load_motion, p
 from planners.certificate.analysis import MotionAnalysis
 from planners.following.joint_path import JointPath
 from planners.limits import PathPoints, find_tool_limit_changes, tool_limits_at
-from planners.motion.fit import stretch_factor
+from planners.motion.motion import find_stretch_factor
 from planners.trajectory.curve import apply_chain_rule, quintic_through
 from tests.planners.cases import START, default_line, paper6r
 
@@ -122,7 +122,7 @@ def test_the_proof_is_of_each_segment_on_its_own_stretch(speeds: tuple[float, ..
     assert proof.binding.ratio.max() == pytest.approx(proof.tool_speed.ratio, rel=0.02)
     alone = certify(paper6r(), bent(), motion, limits(0.3))
     assert proof.tool_speed.value == alone.tool_speed.value
-    factor = stretch_factor(MotionAnalysis(paper6r(), motion, bent()), limits(speeds), ("tool_speed",))
+    factor = find_stretch_factor(MotionAnalysis(paper6r(), motion, bent()), limits(speeds), ("tool_speed",))
     assert factor == pytest.approx(proof.tool_speed.ratio, rel=1e-9)
 
 
@@ -241,7 +241,7 @@ def test_a_wrong_count_is_named_with_both_numbers() -> None:
     ):
         plan(paper6r(), default_line(), START, limits=MotionLimits(2.0, 10.0, 100.0, rotation_speed=(1.0, 2.0)))
     with pytest.raises(InvalidInput, match="path"):
-        stretch_factor(MotionAnalysis(paper6r(), motion.trajectory), limits())
+        find_stretch_factor(MotionAnalysis(paper6r(), motion.trajectory), limits())
     for bad in ((0.1, -0.3, 0.2), (), (0.1, float("nan")), [[0.1, 0.2]], (0.1, "x")):
         with pytest.raises(InvalidInput, match="tool_speed"):
             MotionLimits(tool_speed=bad)

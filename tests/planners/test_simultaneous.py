@@ -8,8 +8,8 @@ import pytest
 from benchmarks.peers.casadi_simultaneous import solve_jointly
 from optik.ik import make_solver
 from planners import MotionLimits, PointToPoint, follow, free
-from planners.choice.choose import choice_for
-from planners.choice.solve import solve
+from planners.choice.choose import make_choice
+from planners.choice.solve import solve_coefficients
 from planners.timing.optimal import Optimal
 from tests.planners.cases import START, paper6r
 from tests.planners.test_freedom import line, torch
@@ -32,8 +32,10 @@ def test_the_optimum_is_that_of_ipopt_with_the_joints_as_unknowns(make: Any) -> 
     joints = follow(make_solver(robot, "lm"), path, START).joint_path
     assert joints is not None
     optimum = Optimal(intervals=12).run_with_optimum(joints, limits)[1]
-    choice = choice_for(path, joints, optimum, held=True)
-    found = solve(choice.programme, choice.p, choice.bounds, choice.near, least=1e-9, damping=choice.damping)
+    choice = make_choice(path, joints, optimum, held=True)
+    found = solve_coefficients(
+        choice.programme, choice.p, choice.bounds, choice.near, least=1e-9, damping=choice.damping
+    )
     assert found is not None
     other = solve_jointly(choice, (found.z, found.p, found.path))  # it would leave what is no optimum
     assert other.success

@@ -209,6 +209,21 @@ def test_refusals_are_of_what_is_asked() -> None:
     assert refused.failure is not None and refused.failure.joint == "joint3"
 
 
+@pytest.mark.parametrize("name", ["three", "four", "five", "flat3"])
+def test_a_refused_pose_advises_to_ask_the_point(name: str) -> None:
+    robot = make(name)
+    shift = [-0.05, 0.04, 0.0 if name == "flat3" else 0.03]
+    path, q = line(robot, shift, Q[: robot.n])
+    turned = Line(path.pose(0.0), path.pose(path.end) @ se3.pose(se3.exp_so3([0.2, 0.3, 0.0]), np.zeros(3)))
+    for start in (q, None):
+        refused = plan(robot, turned, start, limits=LIMITS)
+        assert refused.failure is not None
+        assert refused.failure.advice.startswith(
+            "free(path, turn=True, tilt=True), which asks the tool's point alone; or"
+        )
+    assert plan(robot, free(turned, turn=True, tilt=True), q, limits=LIMITS)
+
+
 # ---------------------------------------------------------------- misuse
 @pytest.mark.parametrize(
     ("freedoms", "words"),

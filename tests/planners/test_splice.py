@@ -5,7 +5,7 @@ import pytest
 from scipy.interpolate import PPoly
 
 from planners import MotionLimits, Trajectory
-from planners.motion.fit import FADE_FRACTION, match_start
+from planners.motion.motion import FADE_FRACTION, match_start
 from planners.trajectory import append_rest, cut_before, join
 
 LIMITS = MotionLimits(2.0, 10.0, 100.0)

@@ -10,7 +10,8 @@ from scipy.spatial.transform import Rotation
 import optik
 from optik.errors import AssumptionWarning, InvalidInput
 from optik.types import Array
-from planners import MotionLimits, Spline, make_law, make_path, plan
+from planners import MotionLimits, Spline, make_law, plan
+from planners.paths import make_path
 from planners.paths.base import Path as Curve
 from tests import oracles
 from tests.figures.spline import KINDS, arm, derivatives, distances, drawn, excess, scan, turned, uneven

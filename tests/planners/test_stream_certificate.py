@@ -15,8 +15,8 @@ from optik import JointLimits, Robot, Scene, Shapes
 from optik.types import Array
 from planners import MotionLimits, Trajectory
 from planners.limits.base import sides
-from planners.retarget.certificate import CONTINUOUS, EXCESS, StreamCertificate, certify_joined
-from planners.retarget.cubics import JointCubics
+from planners.streams.motion import JointCubics
+from planners.streams.result import CONTINUOUS, EXCESS, StreamCertificate, certify_joined
 from planners.trajectory.curve import quintic_through
 from tests.optik.test_motors import MATRICES, NAMES
 

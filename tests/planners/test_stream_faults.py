@@ -14,10 +14,10 @@ import scipy
 import optik
 import planners
 from optik.errors import InvalidInput
-from planners import Chunk, JogVelocity, MotionLimits, stream
+from planners import MotionLimits, stream
 from planners.cell.drives import make_drive
-from planners.retarget import Setpoint
-from planners.retarget.stream import StreamReport
+from planners.streams import Chunk, JogVelocity, Setpoint
+from planners.streams.stream import StreamReport
 from tests.planners.test_retarget import PANDA, REST
 
 GOAL = REST + 0.4

@@ -7,11 +7,18 @@ import pytest
 from scipy.interpolate import BSpline
 
 from planners import MotionLimits
-from planners.retarget.cubics import JointCubics
-from planners.retarget.interior import _add_transposed, make_factors, make_stencils
-from planners.retarget.pace import ACCELERATION_PART, VELOCITY_PART, joint_rows, smooth_pace, sweep
-from planners.retarget.tracking import CUT, _list_instants, make_objective, track
-from planners.retarget.transfer import Transfer, join
+from planners.streams.interior import _add_transposed, make_factors, make_stencils
+from planners.streams.motion import (
+    ACCELERATION_PART,
+    VELOCITY_PART,
+    JointCubics,
+    Transfer,
+    join_states,
+    smooth_pace,
+    sweep_pace,
+    write_joint_rows,
+)
+from planners.streams.reference import CUT, _list_instants, make_objective, track_targets
 from planners.trajectory import Trajectory
 from planners.trajectory.curve import quintic_through
 from tests.planners.test_stream_certificate import bare, certify
@@ -22,7 +29,7 @@ def test_rows_and_largest_paces_are_those_of_the_lesser_sides() -> None:
     R = rng.normal(size=(k, 4, n)) * 10.0 ** rng.uniform(-1.0, 1.0, (k, 4, n))
     limits = np.sort(rng.uniform(0.5, 3.0, (n, 4, 2)) * [-1.0, 1.0], axis=2)
     rows, cap = np.empty((k, n, 4)), np.empty(k)
-    joint_rows(R, limits, 1.3, rows, cap)
+    write_joint_rows(R, limits, 1.3, rows, cap)
     least = np.minimum(limits[:, :, 1], -limits[:, :, 0])
     wanted = np.minimum((VELOCITY_PART * least[:, 1] / R[:, 1]) ** 2, (least[:, 3] / np.abs(R[:, 3])) ** (2.0 / 3.0))
     np.testing.assert_allclose(cap, np.minimum(wanted.min(axis=1), 1.3**2), rtol=1e-12)
@@ -42,7 +49,7 @@ def test_a_sweep_is_as_fast_as_its_rows_allow_and_ends_at_rest() -> None:
     rows[:, 0, 0], rows[:, 1, 0] = 1.0 / rng.uniform(0.5, 1.5, k), -1.0 / rng.uniform(0.5, 1.5, k)
     rows[:, :, 1], rows[:, :, 3] = 0.1 * rng.normal(size=(k, 2)), 0.2 * rng.normal(size=(k, 2))
     x, t = np.empty(k), np.empty(k)
-    sweep(s, rows, cap, 1e-9, 0.0, x, t)
+    sweep_pace(s, rows, cap, 1e-9, 0.0, x, t)
     step = 2.0 * np.diff(s)
     rate = np.diff(x) / step
     value = rows[:-1, :, 0] * rate[:, None] + rows[:-1, :, 1] * x[:-1, None] + rows[:-1, :, 3]
@@ -85,7 +92,7 @@ def test_targets_are_tracked_within_the_limits_from_any_state(speed: float, jerk
     state = np.stack([rng.normal(size=3), speed * rng.normal(size=3), jerk * rng.uniform(0.3, 0.6, 3)])
     when = np.arange(0.0, 1.2, 0.02)
     target = state[0] + 0.25 * np.sin(1.2 * when[:, None] * [1.0, 0.5, -0.8]) ** 2
-    failed, _, knots, count, c = track(state, box(9.0), when, target, 0.04, 10**6)
+    failed, _, knots, count, c = track_targets(state, box(9.0), when, target, 0.04, 10**6)
     assert failed < 0
     curve = JointCubics(knots, count, c)
     proof = certify(curve, state, LIMITS, bare(3, 9.0))
@@ -110,7 +117,7 @@ def test_states_on_a_limit_are_left_within_the_limits(case: str, side: float) ->
     state = np.tile(np.array(states[case])[:, None], (1, 3)) * [1.0, 1.0, 0.0] + np.zeros((3, 3))
     when = np.arange(0.0, 1.0, 0.02)
     target = state[0] + 0.05 * side * when[:, None]
-    failed, _, knots, count, c = track(state, box(9.0), when, target, 0.04, 10**6)
+    failed, _, knots, count, c = track_targets(state, box(9.0), when, target, 0.04, 10**6)
     assert failed < 0
     found = certify(JointCubics(knots, count, c), state, LIMITS, bare(3, 9.0))
     assert found.is_valid or case == "beyond rounding", found.reasons
@@ -167,7 +174,7 @@ def test_phases_are_joined_exactly_and_a_plan_is_entered_without_a_step() -> Non
         u = np.linspace(t, other.end, 9)
         np.testing.assert_allclose(whole(np.minimum(entry.end + u - t, whole.end)), other(u), atol=1e-9), k
     still = np.stack([np.ones(3), np.zeros(3), np.zeros(3)])
-    rest = join(still, still, np.zeros((3, 2)), np.zeros((3, 2)))
+    rest = join_states(still, still, np.zeros((3, 2)), np.zeros((3, 2)))
     assert 0.0 < rest.end < 0.01 and (rest.trajectory(rest.end) == 1.0).all()
 
 

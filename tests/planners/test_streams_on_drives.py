@@ -17,12 +17,12 @@ from typer.testing import CliRunner
 import optik
 from benchmarks.cli.app import app
 from optik.errors import InvalidInput
-from planners import Chunk, MotionLimits, stream
+from planners import MotionLimits, stream
 from planners.cell import IdealDrive
 from planners.cell.drives import make_drive
 from planners.cell.drives.ros import RosDrive
-from planners.retarget import Setpoint
 from planners.ros.rosbridge import RosbridgeTransport
+from planners.streams import Chunk, Setpoint
 from tests.oracles import REPOSITORY
 from tests.planners.faulty import Faulty, LostEncoder, Stall
 from tests.planners.rosbridge_server import commanded

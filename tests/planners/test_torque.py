@@ -13,7 +13,7 @@ from optik.arm.inertia import Inertia
 from optik.types import Array
 from planners import Trajectory
 from planners.certificate.analysis import MotionAnalysis
-from planners.certificate.effort import energy, friction_steps, stretch_factor
+from planners.certificate.effort import energy, find_torque_stretch, friction_steps
 from planners.certificate.torque import cubic_range, direction, fourth_bounds, sizes, slope_range
 from planners.trajectory.curve import quintic_through
 from tests.oracles.torques import Torques
@@ -281,22 +281,22 @@ def test_each_side_is_judged_by_its_own_limit() -> None:
 @pytest.mark.parametrize("share", [0.6, 3.0])
 def test_the_slowing_just_keeps_the_limit(rate: bool, share: float) -> None:
     robot, motion = loaded(coulomb=0.3), swing(np.random.default_rng(9), 6, 40, 0.8)
-    standing = MotionAnalysis(robot, motion.slowed(1e3)).torques
+    standing = MotionAnalysis(robot, motion.stretched(1e3)).torques
     one = np.stack([-np.ones(6), np.ones(6)])
     still = 0.0 if rate else standing.bound_ratios(one, rate=rate).ratio
     size = still + share * (proved(robot, motion, rate=rate).ratio - still)
     bound = np.stack([-size, size])
-    factor = stretch_factor(MotionAnalysis(robot, motion).torques, bound, rate=rate)
+    factor = find_torque_stretch(MotionAnalysis(robot, motion).torques, bound, rate=rate)
     assert (factor > 1.0) == (share < 1.0)
-    slowed = MotionAnalysis(robot, motion.slowed(factor)).torques.bound_ratios(bound, rate=rate).ratio.max()
+    slowed = MotionAnalysis(robot, motion.stretched(factor)).torques.bound_ratios(bound, rate=rate).ratio.max()
     assert slowed == pytest.approx(1.0, rel=1e-2)
 
 
 def test_no_slowing_helps_against_gravity_and_none_is_needed_without_limits() -> None:
     robot, motion = loaded(), swing(np.random.default_rng(9), 6, 8, 0.8)
     torques = MotionAnalysis(robot, motion).torques
-    assert stretch_factor(torques, np.full((2, 6), 1e-3) * [[-1.0], [1.0]], rate=False) == np.inf
-    assert stretch_factor(torques, np.full((2, 6), np.inf) * [[-1.0], [1.0]], rate=False) == 0.0
+    assert find_torque_stretch(torques, np.full((2, 6), 1e-3) * [[-1.0], [1.0]], rate=False) == np.inf
+    assert find_torque_stretch(torques, np.full((2, 6), np.inf) * [[-1.0], [1.0]], rate=False) == 0.0
 
 
 def test_the_energy_is_what_goes_into_motion_and_height() -> None:

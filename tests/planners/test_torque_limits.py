@@ -10,13 +10,14 @@ import optik
 from optik.dynamics import torques_batch
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners import MotionLimits, Plan, TimeLaw, Trajectory, certify, load_motion, make_law, plan, replan, save
+from planners import MotionLimits, Plan, Trajectory, certify, load_motion, make_law, plan, replan, save
 from planners.certificate.analysis import MotionAnalysis
 from planners.certificate.bounds import MotionBounds
 from planners.following.joint_path import JointPath
 from planners.limits import DERIVATIVES, PathPoints, kind_of
 from planners.limits.kinds import torque_rows
-from planners.motion.fit import static_torque
+from planners.motion.motion import static_torque
+from planners.timing import TimeLaw
 from planners.timing.smooth import Smooth
 from planners.trajectory.curve import apply_chain_rule
 from tests.planners.cases import START, default_line, paper6r
@@ -120,7 +121,7 @@ def test_a_law_that_knows_no_torques_is_slowed_until_it_keeps_them_or_refused() 
     torque = static(free) + 0.5 * np.maximum(needed(free, rate=False) - static(free), 1e-2)
     limits = MotionLimits(*OUR, torque=torque, torque_rate=0.9 * needed(free, rate=True))
     found = plan(robot(), default_line(), START, limits=limits, timing=Own())
-    assert found and found.slowed > 1.0 and {"torque", "torque_rate"} <= set(found.certificate.enforced)
+    assert found and found.stretch_factor > 1.0 and {"torque", "torque_rate"} <= set(found.certificate.enforced)
     assert found.certificate.worst("torque")[0] == pytest.approx(1.0, abs=1e-4)
     refused = plan(robot(), default_line(), START, limits=limits, timing=Own(), strict=True)
     assert refused.status == "limits_exceeded" and refused.failure is not None and "torque" in refused.failure.reason
@@ -276,7 +277,7 @@ def test_law_and_certificate_of_a_plan_share_one_analysis_of_its_motion(
 def test_a_subclass_of_a_law_with_its_own_motion_is_planned_with_it() -> None:
     class Gentle(Smooth):
         def _time(self, joint_path: JointPath, limits: MotionLimits) -> MotionAnalysis:
-            return super()._time(joint_path, limits).slowed(2.0)
+            return super()._time(joint_path, limits).stretched(2.0)
 
     fast, slow = (
         plan(paper6r(), default_line(), START, timing=law, limits=MotionLimits(*OUR)) for law in ("smooth", Gentle())
@@ -287,4 +288,4 @@ def test_a_subclass_of_a_law_with_its_own_motion_is_planned_with_it() -> None:
 def test_an_analysis_of_another_motion_is_refused() -> None:
     motion = plan(paper6r(), default_line(), START, limits=MotionLimits(*OUR)).trajectory
     with pytest.raises(InvalidInput, match=r"^analysis: "):
-        certify(paper6r(), default_line(), motion, analysis=MotionAnalysis(paper6r(), motion.slowed(2.0)))
+        certify(paper6r(), default_line(), motion, analysis=MotionAnalysis(paper6r(), motion.stretched(2.0)))

@@ -11,12 +11,12 @@ import scipy
 
 import optik
 import planners
-from planners import Chunk, MotionLimits, Retargeted, Trajectory, retarget, stream
+from planners import MotionLimits, Retargeted, Trajectory, retarget, stream
 from planners.limits._combination import Combination
-from planners.retarget.certificate import certify_joined
-from planners.retarget.cubics import JointCubics
-from planners.retarget.pace import joint_rows
-from planners.retarget.tracking import SPARE, _stop
+from planners.streams import Chunk
+from planners.streams.motion import JointCubics, write_joint_rows
+from planners.streams.reference import SPARE, _stop
+from planners.streams.result import certify_joined
 from planners.trajectory import make_rest
 from tests.optik.test_motors import MATRICES
 from tests.planners.test_coupled_motors import arm, motor_torques, planned
@@ -94,7 +94,7 @@ def test_the_pace_respects_the_lower_side_of_unequal_limits() -> None:
     for sides in ((-1.0, 3.0), (-3.0, 1.0)):
         limits[0, 1] = sides
         rows, cap = np.empty((4, 1, 4)), np.empty(4)
-        joint_rows(R, limits, 10.0, rows, cap)
+        write_joint_rows(R, limits, 10.0, rows, cap)
         np.testing.assert_allclose(cap, (0.995 * 1.0 / 0.5) ** 2)
     uneven = MotionLimits(velocity=(-0.5, 2.0), acceleration=10.0, jerk=200.0)
     robot, t = optik.load("ur5e"), np.arange(40)[:, None] / 20.0

@@ -137,7 +137,7 @@ def test_a_slowed_motion_has_its_derivatives_over_powers_of_the_factor(
     seed: int, factor: float, u: float, order: int
 ) -> None:
     trajectory = random(seed)
-    slow = trajectory.slowed(factor)
+    slow = trajectory.stretched(factor)
     assert slow.duration == pytest.approx(factor * trajectory.duration, rel=1e-12)
     x = trajectory.knots
     np.testing.assert_allclose(slow.knots, factor * x, rtol=1e-14)
@@ -177,7 +177,7 @@ def test_rates_and_factors_that_are_not_above_zero_are_refused(wrong: float) -> 
     with pytest.raises(InvalidInput, match=r"^rate: "):
         trajectory.sample(wrong)
     with pytest.raises(InvalidInput, match=r"^factor: "):
-        trajectory.slowed(wrong)
+        trajectory.stretched(wrong)
 
 
 def one_wrong(value: float) -> PPoly:

@@ -14,8 +14,7 @@ from optik.arm.robot import Robot
 from optik.scene import Scene
 from optik.scene.contact import find_contact
 from optik.types import Array
-from optik.view.data import describe_show, list_plots
-from optik.view.page import embed_arm, make_page
+from optik.view.page import describe_show, embed_arm, list_plots, make_page
 from optik.view.show import Show
 from planners.cell.drives import make_drive
 from planners.cell.show import show_execution, show_outcome, thin_execution

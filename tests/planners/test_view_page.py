@@ -71,7 +71,7 @@ def test_what_was_executed_is_thinned_out_and_unread_instants_are_counted() -> N
 
 
 def test_a_very_long_motion_fits(show: Show) -> None:
-    slow = sample_track(planned().trajectory.slowed(1000.0))
+    slow = sample_track(planned().trajectory.stretched(1000.0))
     assert len(slow.t) == 2000
     page = make_page(replace(show, planned=slow, executed=slow))
     assert len(page) < 0.5 * MOST_PAGE

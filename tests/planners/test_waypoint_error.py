@@ -15,8 +15,8 @@ from optik.types import Array
 from planners import Trajectory
 from planners.certificate import frechet
 from planners.paths.poses import embed_poses
-from planners.trajectory.controller import trajectory_through
 from planners.trajectory.curve import quintic_through
+from planners.trajectory.trajectory import trajectory_through
 from tests import oracles
 
 ARM = optik.load("panda")

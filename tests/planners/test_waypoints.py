@@ -14,7 +14,8 @@ from optik import load
 from optik.errors import AssumptionWarning, InvalidInput
 from optik.ik import Tolerance
 from optik.types import Array
-from planners import PointToPoint, Polyline, ViaPoint
+from planners import PointToPoint, Polyline
+from planners.paths import ViaPoint
 
 HEAD = "x,y,z\n0,0,0\n"
 

@@ -11,17 +11,15 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from benchmarks.blocks.arms import scene_named
 from benchmarks.blocks.base import Kind, Session, Shard, Trials
 from benchmarks.blocks.block import Target
 from benchmarks.blocks.contest import clock_cost
-from benchmarks.blocks.entries import about_file, check_same
-from benchmarks.blocks.timing.detail import write_example
+from benchmarks.blocks.entries import about_file, check_same, scene_named
 from benchmarks.blocks.timing.motions import DrawnLine, motion_of, stands_of
 from benchmarks.blocks.timing.rows import FIELDS, in_group, with_optimum
 from benchmarks.blocks.timing.rows import MEASURES as MEASURES
 from benchmarks.blocks.timing.settings import GIVEN_LINE, LawBlock, LineSet, told
-from benchmarks.blocks.timing.timers import enter_laws, line_rows
+from benchmarks.blocks.timing.timers import enter_laws, line_rows, write_example
 from benchmarks.peers.laws import TIMING_PEERS
 from benchmarks.records import Journal, RunFolder
 from benchmarks.settings import naming

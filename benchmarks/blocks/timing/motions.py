@@ -9,7 +9,7 @@ from zlib import crc32
 
 import numpy as np
 
-from benchmarks.blocks.arms import arm_label, arm_with
+from benchmarks.blocks.entries import arm_label, arm_with
 from benchmarks.blocks.timing.settings import GIVEN_LINE, LINE_KINDS, MOTION_KINDS, LimitSet, LineSet
 from benchmarks.problems.base import start_of
 from benchmarks.problems.tables import read_poses

@@ -9,17 +9,16 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from benchmarks.blocks.arms import JOINT_LIMITS
 from benchmarks.blocks.base import NUMBER, TEXT, TRUTH, WHOLE, Field, fields_of
-from benchmarks.blocks.columns import Column, largest, mean, median, quantile
+from benchmarks.blocks.block import Column, largest, mean, median, quantile
+from benchmarks.blocks.entries import JOINT_LIMITS
 from optik import se3
 from optik.arm.limits import LIMIT_TOLERANCE
 from optik.arm.robot import Robot
-from planners.certificate.analysis import MotionAnalysis
+from planners.certificate.analysis import MotionAnalysis, find_discontinuities
 from planners.certificate.certificate import Certificate
-from planners.certificate.checks import steps
 from planners.limits import ALL_LIMITS, DERIVATIVES, MotionLimits
-from planners.motion.fit import stretch_factor
+from planners.motion.motion import find_stretch_factor
 from planners.paths.base import Path
 from planners.trajectory import Trajectory
 
@@ -48,7 +47,9 @@ RATIO_DECIMALS = 11
 """Number of stored decimals of a ratio: rounding changes a ratio of exactly 1 by 1e-12."""
 
 
-def facts_of(robot: Robot, path: Path, motion: Trajectory, proof: Certificate, limits: MotionLimits) -> dict[str, Any]:
+def plan_facts(
+    robot: Robot, path: Path, motion: Trajectory, proof: Certificate, limits: MotionLimits
+) -> dict[str, Any]:
     """Return the certified figures of a motion, and its sampled deviation."""
     facts: dict[str, Any] = {
         "status": "solved", "duration": motion.duration, "holds": proof.is_valid, "broken": "; ".join(proof.reasons),
@@ -56,12 +57,12 @@ def facts_of(robot: Robot, path: Path, motion: Trajectory, proof: Certificate, l
         "rotation_speed": proof.rotation_speed.value, "distance": proof.path_error.distance,
         "angle": proof.path_error.angle, "singular_value": proof.singular_value, "continuous": proof.continuous,
         "sampled_jerk": float(proof.sampled_jerk.max()),
-        "least_duration": least_duration(robot, path, motion, proof, limits),
+        "least_duration": stretched_duration(robot, path, motion, proof, limits),
     }  # fmt: skip
     off = proof.path_error
     facts |= {"distance_time": off.t_distance, "angle_time": off.t_angle}
     facts["rest"] = ", ".join("yes" if rests else "no" for rests in proof.rest)
-    facts["jumps"] = [float(np.abs(steps(motion, order)).max()) for order in range(4)]
+    facts["jumps"] = [float(np.abs(find_discontinuities(motion, order)).max()) for order in range(4)]
     if proof.energy is not None:
         facts |= {"energy": proof.energy.drawn, "power": proof.energy.power}
     near = proof.clearance
@@ -81,11 +82,11 @@ def facts_of(robot: Robot, path: Path, motion: Trajectory, proof: Certificate, l
     return facts
 
 
-def least_duration(robot: Robot, path: Path, motion: Trajectory, proof: Certificate, limits: MotionLimits) -> float:
+def stretched_duration(robot: Robot, path: Path, motion: Trajectory, proof: Certificate, limits: MotionLimits) -> float:
     """Return the duration at which the motion, scaled uniformly in time, respects every limit."""
     if any(np.isinf(proof.worst(field)[0]) for field in DERIVATIVES):
         return float("inf")
-    return motion.duration * stretch_factor(MotionAnalysis(robot, motion, path), limits)
+    return motion.duration * find_stretch_factor(MotionAnalysis(robot, motion, path), limits)
 
 
 def breaks(proof: Certificate) -> list[str]:

@@ -9,9 +9,8 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
-from benchmarks.blocks.arms import Payload, SceneName, arm_label, arm_with, scene_named
 from benchmarks.blocks.block import Block, Entry, Target
-from benchmarks.blocks.entries import Law, LawPeer
+from benchmarks.blocks.entries import Law, LawPeer, Payload, SceneName, arm_label, arm_with, scene_named
 from benchmarks.blocks.timing.rows import MEASURES
 from benchmarks.settings import (
     LISTED,
@@ -33,7 +32,7 @@ from benchmarks.settings import (
 )
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
-from optik.plugins.usage import resolve_data_file
+from optik.plugins.files import resolve_data_file
 from planners.limits import ALL_LIMITS, TOOL_SPEEDS, MotionLimits, limit_names
 
 LINE_KINDS = {"regular": (0.05, np.inf), "near_singular": (0.02, 0.04)}

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.peers.ik.base import LOOP_ITERATIONS, LOOP_TOLERANCE, TASK_DAMPING, LoopPeer, frame_task_loop
-from benchmarks.peers.models import quaternion
+from benchmarks.peers.models import quaternion_of
 from optik.arm.robot import Robot
 from optik.types import Array
 
@@ -65,7 +65,7 @@ def mjcf(robot: Robot) -> str:
 
 def _placement(T: Array) -> str:
     """Return position and unit quaternion, scalar first, as XML attributes."""
-    h = quaternion(T[:3, :3])
+    h = quaternion_of(T[:3, :3])
     return " ".join(f'{name}="{" ".join(repr(float(x)) for x in v)}"' for name, v in (("pos", T[:3, 3]), ("quat", h)))
 
 

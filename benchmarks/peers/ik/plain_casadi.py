@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.peers.ik.base import LoopPeer
-from benchmarks.peers.models import quaternion
+from benchmarks.peers.models import quaternion_of
 from optik.arm.robot import Robot
 from optik.types import Array
 
@@ -37,7 +37,7 @@ class PlainCasADi(LoopPeer):
         lower, upper = robot.limits.lower, robot.limits.upper
 
         def call(target: Array, q0: Array) -> tuple[Array, int, bool]:
-            p = np.concatenate([target[:3, 3], quaternion(target[:3, :3])])
+            p = np.concatenate([target[:3, 3], quaternion_of(target[:3, :3])])
             answer = solver(x0=q0, p=p, lbx=lower, ubx=upper, lbg=0.0, ubg=0.0)
             stats = solver.stats()
             return np.asarray(answer["x"]).ravel(), int(stats["iter_count"]), bool(stats["success"])
@@ -54,7 +54,7 @@ def _tool(ca: Any, robot: Robot, q: Any) -> tuple[Any, Any]:
     """Return expressions of the tool's position (3,) and unit quaternion (4,), scalar first."""
     p, h = ca.SX.zeros(3), ca.SX([1.0, 0.0, 0.0, 0.0])
     for i, fixed in enumerate((*robot.fixed, robot.tool)):
-        p, h = p + _rotate(ca, h, ca.SX(fixed[:3, 3])), _product(ca, h, ca.SX(quaternion(fixed[:3, :3])))
+        p, h = p + _rotate(ca, h, ca.SX(fixed[:3, 3])), _product(ca, h, ca.SX(quaternion_of(fixed[:3, :3])))
         if i < robot.n and robot.prismatic[i]:
             p = p + q[i] * _rotate(ca, h, ca.SX([0.0, 0.0, 1.0]))
         elif i < robot.n:

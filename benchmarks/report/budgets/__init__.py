@@ -7,12 +7,12 @@ from typing import Any
 
 import polars as pl
 
+from benchmarks.blocks.block import quantile, share
 from benchmarks.blocks.budgets import PER_RADIAN, SUCCESS_LEVELS, BudgetRows, succeeded, success
-from benchmarks.blocks.columns import quantile, share
-from benchmarks.blocks.judgement import level_words
+from benchmarks.blocks.entries import level_words
 from benchmarks.experiments.base import COUNTERPARTS, PAPER_TITLE, UNTESTED
 from benchmarks.report.base import KindReport, Run, Section, Winner
-from benchmarks.report.boards import Board, Control
+from benchmarks.report.boards import Board, Control, add, axis, bars, colour, figure, lean, vary
 from benchmarks.report.budgets.accuracy import DAMPING_BLOCK, accuracy, damping, damping_table
 from benchmarks.report.budgets.default import (
     COMPARED_PROBLEMS,
@@ -26,10 +26,8 @@ from benchmarks.report.budgets.default import (
     success_plot,
 )
 from benchmarks.report.budgets.maps import maps, picture, sheets_of
-from benchmarks.report.figures import add, axis, bars, colour, figure, lean, vary
-from benchmarks.report.numbers import listed, percent
-from benchmarks.report.tables import Column, Group, Table, table_of
-from benchmarks.report.winners import most_solved
+from benchmarks.report.page import most_solved
+from benchmarks.report.tables import Column, Group, Table, listed, percent, table_of
 from optik.registry import short_name
 
 ENDINGS = {

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 import polars as pl
 
+from benchmarks.blocks.block import quantile, share
 from benchmarks.blocks.budgets import SUCCESS_LEVELS, BudgetRows, succeeded, success
-from benchmarks.blocks.columns import quantile, share
 from benchmarks.report.base import Run
-from benchmarks.report.boards import Board, Control
-from benchmarks.report.budgets.default import COMPARED_PROBLEMS, budget_axis, compared_rows, comparisons
-from benchmarks.report.figures import (
+from benchmarks.report.boards import (
     INK_COLOUR,
+    Board,
+    Control,
     Json,
     add,
     entry,
@@ -26,8 +26,8 @@ from benchmarks.report.figures import (
     percent_axis,
     shades,
 )
-from benchmarks.report.numbers import listed, number, percent
-from benchmarks.report.tables import Column, Table, table_of
+from benchmarks.report.budgets.default import COMPARED_PROBLEMS, budget_axis, compared_rows, comparisons
+from benchmarks.report.tables import Column, Table, listed, number, percent, table_of
 from benchmarks.statistics import binned, quantiles
 
 if TYPE_CHECKING:
@@ -252,7 +252,7 @@ def _damping_table(b: BudgetRows, strata: list[str]) -> Table:
     return table_of("damping", title, [*columns, *aside], groups, "n: targets. Intervals are Wilson's, 95 %.")
 
 
-def choose(constants: dict[str, float], figures: dict[str, dict[str, Any]]) -> list[str]:
+def choose_dampings(constants: dict[str, float], figures: dict[str, dict[str, Any]]) -> list[str]:
     """Return the dampings that no other is significantly better than, best first.
 
     Those whose interval of success reaches that of the surest; among them by median iterations, then by success rate.
@@ -264,7 +264,7 @@ def choose(constants: dict[str, float], figures: dict[str, dict[str, Any]]) -> l
 
 def _advice(constants: dict[str, float], others: list[str], figures: dict[str, dict[str, float]]) -> str:
     """Name the best damping of a stratum, those as good, the lowest, and the methods without a constant damping."""
-    level = choose(constants, figures)
+    level = choose_dampings(constants, figures)
     if not level:
         return "none of these dampings solves any target here."
     first, rest = level[0], level[1:]

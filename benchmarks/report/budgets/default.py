@@ -10,16 +10,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import polars as pl
 
+from benchmarks.blocks.block import median, share
 from benchmarks.blocks.budgets import SUCCESS_LEVELS, BudgetRows, succeeded, success
-from benchmarks.blocks.columns import median, share
-from benchmarks.blocks.entries import ProblemBlock
-from benchmarks.blocks.judgement import level_words, shared
+from benchmarks.blocks.entries import ProblemBlock, level_words, shared
 from benchmarks.report.base import Run
-from benchmarks.report.boards import Board
-from benchmarks.report.figures import Json, add, axis, figure, interval, line, percent_axis
-from benchmarks.report.numbers import number, p_value, percent
-from benchmarks.report.tables import Cell, Column, Table, table_of
-from benchmarks.report.winners import Ranked, ranked
+from benchmarks.report.boards import Board, Json, add, axis, figure, interval, line, percent_axis
+from benchmarks.report.page import Ranked, ranked
+from benchmarks.report.tables import Cell, Column, Table, number, p_value, percent, table_of
 from benchmarks.statistics import SIGNIFICANT, McNemar, is_too_few, mcnemar
 from optik.registry import short_name
 from optik.types import Flags

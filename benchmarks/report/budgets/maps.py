@@ -13,16 +13,15 @@ import polars as pl
 from benchmarks.blocks.budgets import SUCCESS_LEVELS, BudgetRows, succeeded
 from benchmarks.problems.base import start_of
 from benchmarks.report.base import Run
-from benchmarks.report.boards import Board, Control
-from benchmarks.report.budgets.accuracy import chosen
-from benchmarks.report.budgets.default import Pair, comparisons, pairs
-from benchmarks.report.figures import (
+from benchmarks.report.boards import (
     ALARM_COLOUR,
     HOVER,
     INK_COLOUR,
     MUTED_COLOUR,
     NOISE,
     UNKNOWN_COLOUR,
+    Board,
+    Control,
     Json,
     add,
     axis,
@@ -33,6 +32,8 @@ from benchmarks.report.figures import (
     lean,
     line,
 )
+from benchmarks.report.budgets.accuracy import chosen
+from benchmarks.report.budgets.default import Pair, comparisons, pairs
 from optik.arm.robot import Robot
 from optik.types import Array
 

@@ -9,17 +9,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import polars as pl
 
+from benchmarks.blocks.block import values_of
 from benchmarks.blocks.calls import FIRST_ROUND_FROM, CallRows
-from benchmarks.blocks.columns import values_of
 from benchmarks.blocks.contest import version_words
-from benchmarks.blocks.judgement import shared
+from benchmarks.blocks.entries import shared
 from benchmarks.report.base import KindReport, Run, Section, Winner
-from benchmarks.report.boards import Board, Control
+from benchmarks.report.boards import Board, Control, Json, add, add_steps, figure, line, log_axis, percent_axis, vary
 from benchmarks.report.budgets.default import has_same_problems
 from benchmarks.report.calls.tables import LABEL, block_tables
-from benchmarks.report.figures import Json, add, add_steps, figure, line, log_axis, percent_axis, vary
+from benchmarks.report.page import most_solved, ranked
 from benchmarks.report.tables import Cell, Column, Table
-from benchmarks.report.winners import most_solved, ranked
 from benchmarks.statistics import median_interval, not_longer, percentage, performance_profile
 from optik.types import Array
 

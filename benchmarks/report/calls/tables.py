@@ -8,12 +8,11 @@ from typing import Any
 
 import polars as pl
 
+from benchmarks.blocks.block import Of, count, count_of, mean, median, quantile, share
 from benchmarks.blocks.calls import FIRST_ROUND_FROM, SHIFT_US, CallRows, ratio_where_solved
-from benchmarks.blocks.columns import Of, count, count_of, mean, median, quantile, share
-from benchmarks.blocks.judgement import JUDGED_AT, level_name, solved_at
+from benchmarks.blocks.entries import JUDGED_AT, level_name, solved_at
 from benchmarks.records import slug
-from benchmarks.report.numbers import listed
-from benchmarks.report.tables import Cell, Column, Group, Table, table_of
+from benchmarks.report.tables import Cell, Column, Group, Table, listed, table_of
 from benchmarks.statistics import holm, is_too_few, mcnemar, ratio_interval, shifted_geometric_mean, signed_rank
 from optik.ik import Tolerance
 from optik.registry import short_name

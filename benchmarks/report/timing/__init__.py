@@ -9,18 +9,36 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from benchmarks.blocks.arms import JOINT_LIMITS
 from benchmarks.blocks.base import BlockRows
+from benchmarks.blocks.entries import JOINT_LIMITS
 from benchmarks.blocks.timing.rows import in_group
 from benchmarks.blocks.timing.settings import GIVEN_LINE, LINE_KINDS, LawBlock, LimitSet
 from benchmarks.report.base import KindReport, Run, Section, Winner
-from benchmarks.report.numbers import listed, number, percent, quoted
+from benchmarks.report.page import ranked
+from benchmarks.report.tables import listed, number, percent, quote_label
 from benchmarks.report.timing.joints import motion
-from benchmarks.report.timing.line import broken_limits, detailed, ik_matters, law_table, limits_of, solved_of
-from benchmarks.report.timing.plots import against_singularity, durations, example_boards, torques
-from benchmarks.report.timing.space import clearance, line_in_space
-from benchmarks.report.timing.tables import all_tables, compared, law_tables, or_infinite, plan_times, violations
-from benchmarks.report.winners import ranked
+from benchmarks.report.timing.line import (
+    broken_limits,
+    detailed,
+    draw_clearance,
+    ik_matters,
+    law_table,
+    limits_of,
+    line_in_space,
+    solved_of,
+)
+from benchmarks.report.timing.tables import (
+    compared,
+    durations,
+    example_boards,
+    law_tables,
+    make_line_tables,
+    or_infinite,
+    plan_times,
+    plot_singularity,
+    torques,
+    violations,
+)
 from benchmarks.statistics import median_interval, not_longer
 from optik.registry import short_name
 from optik.types import Array
@@ -87,7 +105,7 @@ def _block(b: BlockRows, run: Run) -> dict[str, Any]:
         "limits": [limit_words(part) for part in block.limits], "reference": _reference(b),
         "done": b.rows["line"].n_unique(), "count": sum(part.count for part in block.lines),
         "sets": [(part.arm, part.kind.replace("_", "-"), part.count) for part in block.lines],
-        "boards": [board for board in (durations(b, run), torques(b, run), against_singularity(b, run)) if board is not None],
+        "boards": [board for board in (durations(b, run), torques(b, run), plot_singularity(b, run)) if board is not None],
         "tables": tables[:alone], "more": tables[alone:],
         "others": [table for table in (violations(b), plan_times(b), compared(b)) if table is not None],
         "example": example_boards(b, run),
@@ -107,7 +125,7 @@ def limit_words(part: LimitSet) -> str:
         if name not in part.own:
             fields = value.items() if isinstance(value, dict) else [(value, kind_of(name).units[0])]
             words.append(f"{name.replace('_', ' ')} {', '.join(f'{k} {v}' for k, v in fields)}")
-    return f"{quoted(part.label)} ({'; '.join(words)})"
+    return f"{quote_label(part.label)} ({'; '.join(words)})"
 
 
 def _reference(b: BlockRows) -> str:
@@ -275,13 +293,13 @@ REPORT = KindReport(
         Section("Time laws on many lines", "timing", timing, Path(__file__).with_name("section.html.j2"), 20),
         Section("The line", "line", line_summary, order=70, place="summary"),
         Section("The line in space (Fig. 5 and 6)", "line", line_in_space, Path(__file__).with_name("arm.html.j2"), 70),
-        Section("Clearance", "clearance-line", clearance, order=75),
+        Section("Clearance", "clearance-line", draw_clearance, order=75),
         Section("Joint and tool motion", "joints", motion, order=80),
         Section("Time laws", "laws", line_laws, order=90),
     ),
     subjects,
     winners=winners,
-    tables=all_tables,
+    tables=make_line_tables,
     findings=findings,
     limitations=limitations,
 )

@@ -11,9 +11,10 @@ from scipy.ndimage import binary_dilation, label
 
 from benchmarks.blocks.base import BlockRows
 from benchmarks.report.base import Run
-from benchmarks.report.boards import Board, Control
-from benchmarks.report.figures import (
+from benchmarks.report.boards import (
     NOISE,
+    Board,
+    Control,
     Json,
     add,
     axis,
@@ -27,9 +28,9 @@ from benchmarks.report.figures import (
     log_axis,
     vary,
 )
-from benchmarks.report.numbers import number
+from benchmarks.report.tables import number
 from benchmarks.report.timing.line import arm_of, detailed, law_control, limits_of, solved_of
-from benchmarks.report.timing.plots import example_boards
+from benchmarks.report.timing.tables import example_boards
 from optik.arm.robot import Robot
 from optik.types import Array
 from planners.limits import MotionLimits, sides

@@ -1,26 +1,51 @@
-"""Tables of a block of timed lines: laws and peers, limit violations, whole plans, and the compared methods."""
+"""Tables and plots of timed lines: laws and peers, limit violations, durations over T*, active limits."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
+import numpy as np
 import polars as pl
 
-from benchmarks.blocks.arms import JOINT_LIMITS
-from benchmarks.blocks.columns import largest, mean, median, median_with_interval, quantile, share
+from benchmarks.blocks.base import BlockRows
+from benchmarks.blocks.block import largest, mean, median, median_with_interval, quantile, share
 from benchmarks.blocks.contest import version_words
+from benchmarks.blocks.entries import JOINT_LIMITS, arm_label
 from benchmarks.blocks.timing.rows import NEARLY, ON_PATH_M, in_group
+from benchmarks.blocks.timing.settings import GIVEN_LINE
 from benchmarks.records import slug
-from benchmarks.report.tables import Cell, Column, Group, Table, table_of
+from benchmarks.report.base import Run
+from benchmarks.report.boards import (
+    ALARM_COLOUR,
+    INK_COLOUR,
+    MUTED_COLOUR,
+    Board,
+    Control,
+    add,
+    add_steps,
+    axis,
+    band,
+    colour,
+    figure,
+    line,
+    log_axis,
+    percent_axis,
+    ticked_axis,
+)
+from benchmarks.report.tables import Cell, Column, Group, Table, quote_label, table_of
 from benchmarks.report.timing.line import law_table
 from optik.check import format_count
+from optik.registry import short_name
 from optik.types import Array
-from planners.limits import DERIVATIVES
+from planners.limits import DERIVATIVES, LOADED, limit_names
 
 if TYPE_CHECKING:
-    from benchmarks.blocks.base import BlockRows
-    from benchmarks.report.base import Run
+    from plotly.graph_objects import Figure
+
+
+# ---------------- tables of a block of timed lines
+
 
 TORQUE_NOTE = (
     "Torques are those of this model of the arm: bounds proved for every instant, with Coulomb friction. The torque rate is "
@@ -68,7 +93,7 @@ def _or_infinite(column: str) -> Callable[[pl.DataFrame], Array]:
 
 def laws_table(b: BlockRows, rows: pl.DataFrame, title: str, name: str) -> Table:
     """Return every law and peer on some lines: unchanged, within 0.1 %, and after a uniform slow-down."""
-    ms, fields, slowed = "ms", limited(rows), _or_infinite("kept_over_optimum")
+    ms, fields, stretched = "ms", limited(rows), _or_infinite("kept_over_optimum")
     jerk, valid = "sampled_jerk", mean("holds", 100.0, among="solved")
 
     def holds(own: pl.DataFrame) -> Cell:
@@ -85,11 +110,11 @@ def laws_table(b: BlockRows, rows: pl.DataFrame, title: str, name: str) -> Table
         Column("nearly", "within 0.1 %", "%", "more", "share", of=share("nearly")),
         Column("worst", "largest peak / limit", show="limit", of=largest("worst", among="solved")),
         Column("as_is", "T / T*, unchanged", of=median_with_interval(_or_infinite("over_optimum"))),
-        Column("slowed_down", "T / T*, stretched to meet the limits", "", "less", of=median_with_interval(slowed)),
+        Column("slowed_down", "T / T*, stretched to meet the limits", "", "less", of=median_with_interval(stretched)),
         Column("ms", "median time of a call", ms, "less", of=quantile("ms_law", 0.5)),
         Column("count", "motions requested", show="count", of=len),
         Column("found", "motions found", "%", "more", "share", aside=True, of=share("solved")),
-        Column("worst_slowed_down", "largest T / T*, stretched to meet the limits", "", "less", aside=True, of=largest(slowed)),
+        Column("worst_slowed_down", "largest T / T*, stretched to the limits", "", "less", aside=True, of=largest(stretched)),
         *(
             Column(field, f"largest {_words(field)} / limit", show="limit", aside=field != "torque",
                    of=largest(field, among="solved"))
@@ -212,9 +237,274 @@ def compared(b: BlockRows) -> Table:
     return Table(f"timing-{slug(b.block.id)}-compared", title, columns, tuple(rows))
 
 
-def all_tables(run: Run) -> list[Table]:
+def make_line_tables(run: Run) -> list[Table]:
     """Return tables of all blocks."""
     found: list[Table | None] = []
     for b in run.of("timing"):
         found += [law_table(run, b)] if b.block.detail else [*law_tables(b), violations(b), plan_times(b), compared(b)]
     return [table for table in found if table is not None]
+
+
+# ---------------- plots of time laws
+
+
+ACTIVE = 0.99
+"""Distance to a limit up to which a constraint counts as active, relative to the limit [1]."""
+
+LIMIT_COLOURS = {
+    "velocity": 0, "acceleration": 1, "jerk": 2, "tool_speed": 3, "rotation_speed": 4, "torque": 5, "torque_rate": 6,
+}  # fmt: skip
+"""Number of the colour of each limit; further limits have the next one."""
+
+
+def active_plot(name: str, near: pl.DataFrame, laws: Sequence[str], scale: float, unit: str) -> Figure:
+    """Return a plot of the active limits along the path, with one row for each joint and limit."""
+    rows = sorted(
+        {(joint, limit) for joint, limit in near.select("joint", "limit").iter_rows()},
+        key=lambda row: (limit_names().index(row[1]), row[0]),
+    )
+    names = [f"{joint} {limit.replace('_', ' ')}" for joint, limit in rows]
+    across = axis("", type="category", categoryorder="array", categoryarray=names[::-1], range=[-0.6, len(names) - 0.4])
+    plot = figure(name, "Active constraint along the path", f"s [{unit}]", across, max(220, 90 + 26 * len(names)))
+    for law in laws:
+        for (joint, limit), part in near.filter(pl.col("law") == law).group_by("joint", "limit", maintain_order=True):
+            x: list[float | None] = []
+            for start, end in part.select("from", "to").iter_rows():
+                x += [scale * start, scale * end, None]
+            words = f"{joint} {str(limit).replace('_', ' ')}"
+            trace = line(
+                x, [words] * len(x), digits=5, name=str(limit).replace("_", " "),
+                line={"color": limit_colour(str(limit)), "width": 9}, hover=f"{words} at %{{x:.4g}} {unit}",
+            )  # fmt: skip
+            add(plot, trace, {"law": [law]})
+    return plot
+
+
+def limit_colour(limit: str) -> str:
+    """Return the colour of a limit."""
+    return colour(LIMIT_COLOURS.get(limit, len(LIMIT_COLOURS)))
+
+
+EVERY = "every path"
+"""The group of all lines, in a control of the page."""
+
+RATIO_TICKS = (0.3, 0.5, 0.7, 1.0, 1.5, 2, 3, 5, 10, 20, 50)
+"""Numbers on the axes of T / T*."""
+
+RATE_TICKS = (0.1, 0.3, 1, 3, 10, 30, 100, 300, 1000)
+"""Numbers on the axis of torque rates over their limits: without a limit on the rate they are tens of times too large."""
+
+MOST_RATIO = 1000.0
+"""Ratio of a torque or its rate to its limit at which larger ones are drawn: a plot has no infinity."""
+
+LEAST_RATIO = 0.01
+"""Ratio at which smaller ones are drawn."""
+
+LEAST_EXCESS = 0.01
+"""Excess over T* [%] at which smaller ones are drawn: a logarithmic axis has no 0."""
+
+
+PATHS_WITHIN = "%{y:.3~g} % of the paths within %{x:.4g} "
+"""Tooltip of a distribution, before the unit."""
+
+
+def durations(b: BlockRows, run: Run) -> Board:
+    """Return the distribution of durations over T*: of the unchanged motions, and after time scaling to every limit."""
+    plain = figure(
+        "timing-distribution", "Paths with a duration of at most this multiple of T*", ticked_axis("T / T*", RATIO_TICKS),
+        percent_axis("paths"), 400,
+    )  # fmt: skip
+    kept = figure(
+        "timing-profile", "After stretching to meet every limit: excess over T*",
+        ticked_axis("T / T* − 1 [%]", (0.01, 0.1, 1, 10, 100, 1000)), percent_axis("paths"), 400,
+    )  # fmt: skip
+    groups = [EVERY, *b.block.kinds] + (list(b.block.arms) if len(b.block.arms) > 1 else [])
+    for group in groups:
+        part = in_group(b.rows, "" if group == EVERY else group)
+        for label, about in b.entries.items():
+            rows = part.filter(pl.col("method") == label)
+            if "absent" in about or rows.is_empty():
+                continue
+            look, when = run.look(label), {"group": [group]}
+            unchanged = rows.filter("solved")["over_optimum"].drop_nulls().to_numpy()
+            stretched = rows["kept_over_optimum"].drop_nulls().to_numpy()
+            excess = np.maximum(100.0 * (stretched[np.isfinite(stretched)] - 1.0), LEAST_EXCESS)
+            add_steps(plain, label, unchanged, len(rows), look, PATHS_WITHIN + "× T*", when)
+            add_steps(kept, label, excess, len(rows), look, PATHS_WITHIN + "% longer", when)
+    names = [(g, g.replace("_", "-")) for g in groups]
+    return Board(
+        f"{b.block.id}-durations", (plain, kept), (Control("group", "Paths", tuple(names)),),
+        "First plot: all motions unchanged; one that exceeds a limit may be shorter than T*. Second plot: durations after "
+        "uniform time scaling until all limits are met exactly. A law with discontinuous acceleration has no such duration. "
+        f"Values below {LEAST_EXCESS:g} % are shown as {LEAST_EXCESS:g} %.",
+    )  # fmt: skip
+
+
+def torques(b: BlockRows, run: Run) -> Board | None:
+    """Return the fraction of motions up to every multiple of their limits on torque and on its rate."""
+    fields = [field for field in limited(b.rows) if field in LOADED]
+    if not fields:
+        return None
+    plots = []
+    groups = [EVERY, *b.block.arms] if len(b.block.arms) > 1 else [EVERY]
+    for field in fields:
+        words, ticks = field.replace("_", " "), RATIO_TICKS if field == "torque" else RATE_TICKS
+        beyond = {
+            "type": "line", "xref": "x", "yref": "paper", "x0": 1, "x1": 1, "y0": 0, "y1": 1,
+            "line": {"color": ALARM_COLOUR, "width": 1, "dash": "dash"},
+        }  # fmt: skip
+        plot = figure(
+            f"timing-{field.replace('_', '-')}", f"Motions whose {words} stays within this multiple of its limit",
+            ticked_axis(f"largest {words} / limit", ticks, range=_around(b.rows[field])), percent_axis("motions"), 400,
+            shapes=[beyond],
+        )  # fmt: skip
+        for group in groups:
+            part = in_group(b.rows, "" if group == EVERY else group).filter("solved")
+            for label in b.entries:
+                rows = part.filter(pl.col("method") == label)
+                values = np.clip(rows[field].drop_nulls().to_numpy(), LEAST_RATIO, MOST_RATIO)
+                hover = PATHS_WITHIN + "times the limit"
+                add_steps(plot, label, values, len(rows), run.look(label), hover, {"group": [group]})
+        plots.append(plot)
+    return Board(
+        f"{b.block.id}-torques", tuple(plots), (Control("group", "Arm", tuple((g, g) for g in groups)),) if groups[1:] else (),
+        "Motions before time scaling: the worst joint of each, proved for every instant, for the arm's model. Right of the "
+        "dashed line a motion exceeds the torque limits. Where the acceleration is discontinuous, the torque rate is "
+        f"infinite. Values above {MOST_RATIO:g} are shown as {MOST_RATIO:g}.",
+    )  # fmt: skip
+
+
+def _around(values: pl.Series) -> list[float]:
+    """Return the decades that contain all plotted values, and the limit with some margin beyond it."""
+    drawn = np.clip(values.drop_nulls().to_numpy(), LEAST_RATIO, MOST_RATIO)
+    return [float(np.log10(0.9 * min(drawn.min(), 1.0))), float(np.log10(1.2 * max(drawn.max(), 1.0)))]
+
+
+def _path_words(robot: str, kind: str, index: int) -> str:
+    """Name a path, counted from 1."""
+    return f"{robot}, {kind.replace('_', '-')} path {index + 1}"
+
+
+def plot_singularity(b: BlockRows, run: Run) -> Board:
+    """Plot durations and their ratio to T* over the smallest singular value on the path."""
+    across = ticked_axis("smallest singular value on the path", (0.02, 0.03, 0.05, 0.1, 0.2, 0.3))
+    seconds = ticked_axis("T [s]", (0.2, 0.3, 0.5, 1, 2, 3, 5, 10))
+    plots = (
+        figure("timing-sigma-duration", "Duration", across, seconds, 400),
+        figure("timing-sigma-ratio", "Duration / T*", across, ticked_axis("T / T*", RATIO_TICKS), 400),
+    )
+    for (label, limits), rows in b.rows.filter("solved").group_by("method", "limits", maintain_order=True):
+        if str(label) not in b.entries:
+            continue
+        for plot, column in zip(plots, ("duration", "over_optimum"), strict=True):
+            marker = {"color": run.colour(str(label)), "size": 5, "opacity": 0.75, "symbol": run.symbol(str(label))}
+            trace = line(
+                rows["singular_value"], rows[column], digits=5, mode="markers", name=str(label), marker=marker,
+                text=[_path_words(*key) for key in rows.select("robot", "kind", "index").iter_rows()],
+                hover=f"{label}<br>%{{text}}<br>σ = %{{x:.3g}}: %{{y:.4g}}",
+            )  # fmt: skip
+            add(plot, trace, {"limits": [str(limits)]})
+    controls = (Control.of("limits", "Limits [rad/s, rad/s², rad/s³]", [part.label for part in b.block.limits]),)
+    return Board(
+        f"{b.block.id}-singularity", plots, controls,
+        "One point for each path and law. A law with one bound for the whole path is limited by the worst position along it, "
+        "so it is slower at the left, near a singularity.",
+    )  # fmt: skip
+
+
+_METRES, _RADIANS = (1e3, "mm"), (1.0, "rad")
+"""Scale and unit of the path parameter, of the tool and in joint space."""
+
+FAR = 1e3
+"""Curves that bound the speed are cut at this multiple of the speed of the fastest motion."""
+
+
+def example_boards(b: BlockRows, run: Run) -> list[Board]:
+    """Show the phase plane of all laws, and the active constraints of each."""
+    motions, binding, curve = (b.table(name) for name in ("motions", "binding", "curve"))
+    if motions is None or binding is None or curve is None or curve.is_empty():
+        return []
+    words = _which(b)
+    unit = _RADIANS if b.block.example.kind == "joints" else _METRES
+    return [_phase(b, run, motions, curve, words, unit), _constraints(b, motions, binding, words, unit)]
+
+
+def _which(b: BlockRows) -> str:
+    """Describe which path is shown; paths count from 1."""
+    chosen, arm = b.block.example, arm_label(b.block.example.robot, b.block.example.payload)
+    within = f"on {arm}, within the limits {quote_label(chosen.limits)}"
+    if chosen.path or chosen.kind == GIVEN_LINE:
+        return f"path {short_name(chosen.path) if chosen.path else 'given'} {within}"
+    counts = [part.count for part in b.block.lines if (part.arm, part.kind) == (arm, chosen.kind)]
+    of = f" of {counts[0]}" if counts and chosen.index < counts[0] else ""
+    return f"{chosen.kind.replace('_', '-')} path number {chosen.index + 1}{of} {within}"
+
+
+def _phase(
+    b: BlockRows, run: Run, motions: pl.DataFrame, curve: pl.DataFrame, words: str, of: tuple[float, str]
+) -> Board:
+    scale, unit = of
+    laws = motions["law"].unique(maintain_order=True).to_list()
+    fastest = float(motions["speed"].to_numpy().max())
+    plot = figure(
+        "timing-phase", "Speed along the path and its limit curves", f"s [{unit}]",
+        axis(f"ds/dt [{unit}/s]", range=[0, 1.25 * scale * fastest]), 440,
+    )  # fmt: skip
+    at = f"<br>%{{y:.4g}} {unit}/s at %{{x:.4g}} {unit}"
+    bounds = (
+        ("velocity", "velocities", INK_COLOUR, "dash", "velocity limit of %{text}"),
+        ("acceleration", "accelerations", MUTED_COLOUR, "dot", "acceleration limits, for any path acceleration"),
+    )
+    for field, several, drawn, dash, meaning in bounds:
+        trace = line(
+            scale * curve["s"].to_numpy(), scale * np.minimum(curve[field].to_numpy(), FAR * fastest),
+            name=f"limit curve of the joint {several}", text=curve["velocity_joint"].to_list(),
+            line={"color": drawn, "width": 1.6, "dash": dash}, hover=meaning + at,
+        )  # fmt: skip
+        add(plot, trace)
+    for law in laws:
+        part = motions.filter(pl.col("law") == law)
+        add(plot, line(
+            scale * part["s"].to_numpy(), scale * part["speed"].to_numpy(), digits=5, name=law,
+            line={"color": run.colour(law), "width": 2}, hover=law + at,
+        ))  # fmt: skip
+    return Board(
+        f"{b.block.id}-phase", (plot,), (),
+        f"The {words}. The dashed curves are the maximum-velocity curves: every motion above one of them exceeds a limit.",
+    )  # fmt: skip
+
+
+def _constraints(
+    b: BlockRows, motions: pl.DataFrame, binding: pl.DataFrame, words: str, of: tuple[float, str]
+) -> Board:
+    """Show the active constraints of every law along the line, and the ratio of the joints to their limits."""
+    laws = motions["law"].unique(maintain_order=True).to_list()
+    near = binding.filter(pl.col("ratio") >= ACTIVE)
+    initial = next((law for law in laws if law == b.block.plan), laws[0])
+    return Board(
+        f"{b.block.id}-who", (active_plot("timing-who", near, laws, *of), _ratios(motions, laws, of)),
+        (Control.of("law", "Time law", laws, initial),),
+        f"The {words}. First plot: where a joint is within {100 * (1 - ACTIVE):.0f} % of a limit, from the certificate. "
+        "Second plot: the jerk of a law without a jerk limit is far above 1. Where its acceleration is discontinuous the jerk "
+        "is infinite; the plot shows it between these points.",
+    )  # fmt: skip
+
+
+def _ratios(motions: pl.DataFrame, laws: list[str], of: tuple[float, str]) -> Figure:
+    """Plot the largest ratio to its limit of every derivative along the line."""
+    scale, unit = of
+    plot = figure(
+        "timing-ratios", "Largest value / limit of any joint", f"s [{unit}]",
+        log_axis("value / limit", dtick=1, range=[-2.3, 3.2]), shapes=[band(1.0, 1e6, "beyond the limit")],
+    )  # fmt: skip
+    for law in laws:
+        part = motions.filter(pl.col("law") == law)
+        for field in (name for name in JOINT_LIMITS if name in part.columns and part[name].is_not_nan().any()):
+            words = field.replace("_", " ")
+            trace = line(
+                scale * part["s"].to_numpy(), np.maximum(part[field].to_numpy(), 1e-4), digits=5, name=words,
+                line={"color": limit_colour(field), "width": 1.6},
+                hover=f"{words} %{{y:.4g}} of its limit at %{{x:.4g}} {unit}",
+            )  # fmt: skip
+            add(plot, trace, {"law": [law]})
+    return plot

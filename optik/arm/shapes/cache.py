@@ -22,7 +22,7 @@ from optik.types import Array, content
 
 MOST_FILES = 2000
 """Most cached enclosures, of some kilobytes each: beyond it, the older half is deleted."""
-CODE = ("cache.py", "contact.py", "enclosure.py", "hull_distance.py", "hulls.py", "meshes.py", "sweep.py")
+CODE = ("cache.py", "contact.py", "enclosure.py", "hulls.py", "urdf.py")
 """Files whose change makes cached enclosures invalid."""
 SHA256_BYTES = 32
 """Length of a SHA-256."""

@@ -11,10 +11,8 @@ from optik.arm.branches import list_drivers, read_range
 from optik.arm.model import ArmModel
 from optik.arm.shapes.cache import compute_once
 from optik.arm.shapes.enclosure import Hull
-from optik.arm.shapes.hull_distance import count_crossings, find_contacts
-from optik.arm.shapes.hulls import list_hulls, pack_hulls
-from optik.arm.shapes.meshes import MeshFolders
-from optik.arm.shapes.urdf import Rows, read_surface
+from optik.arm.shapes.hulls import count_crossings, find_contacts, list_hulls, pack_hulls
+from optik.arm.shapes.urdf import MeshFolders, Rows, read_surface
 from optik.arm.urdf_tree import Tree
 from optik.errors import EnclosureWarning
 from optik.types import Array

@@ -1,4 +1,4 @@
-"""Capsules that enclose a mesh, with a proved bound of their excess.
+"""Capsules that enclose a mesh, or links beside a chain at every value of their joints, with a proved excess.
 
 A capsule is convex, so it encloses a triangle if it encloses its corners. A mesh that one capsule encloses badly is cut by
 planes, and each part gets its own capsule. The cut face of a solid lies in the convex hull of its edge, which is part of the
@@ -12,8 +12,8 @@ measured to sampled points of the mesh, which can only make them larger.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from itertools import combinations
+from collections.abc import Iterable, Sequence
+from itertools import combinations, pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,12 +24,17 @@ from optik.check import format_value
 from optik.errors import InvalidInput
 from optik.types import Array, Flags
 
+# ---------------- capsules that enclose a mesh
+
+
 SPACING = 60
 """Number of sampled points of a mesh along its size."""
 MOST_POINTS = 200_000
 """Most points on a mesh: with fewer than `SPACING` requires, the bound is larger, never too small."""
 EXCESS_STEP = 5e-4
 """Accuracy of the bound [m]."""
+UNEQUAL = np.array([0.4391, 0.7127, 0.5469])
+"""A direction along which different points of a mesh have different coordinates, or one of them is left out."""
 MOST_OPEN_CELLS = 100_000
 """Most cells that are divided: beyond it, the bound is less accurate."""
 
@@ -121,7 +126,8 @@ def sample_points(triangles: Array) -> Any:
         middle = 0.5 * (a + b)
         points.append(middle)
         todo = np.concatenate((np.stack((a, middle, c), axis=1), np.stack((middle, b, c), axis=1)))
-    return cKDTree(np.concatenate(points))
+    every = np.concatenate(points)
+    return cKDTree(every[np.unique(every @ UNEQUAL, return_index=True)[1]])
 
 
 def measure_excess(capsules: list[Capsule], tree: Any) -> list[Capsule]:
@@ -224,19 +230,18 @@ def _divide(
     capsules = [fit_capsule(piece.triangles) for piece in pieces]
     if not capsules:
         return None
-    before = found[i].excess * _size([found[i]])
-    if _rate(capsules, others, tree) > WORTH_A_CUT * before:
+    every = measure_excess([*found[:i], *capsules, *found[i + 1 :]], tree)
+    worst = max(c.excess for c in every[i : i + len(capsules)])
+    if worst * _size(capsules) > WORTH_A_CUT * found[i].excess * _size([found[i]]):
         return None
-    return [*parts[:i], *pieces, *parts[i + 1 :]], measure_excess([*found[:i], *capsules, *found[i + 1 :]], tree)
+    return [*parts[:i], *pieces, *parts[i + 1 :]], every
 
 
-def _rate(
-    capsules: list[Capsule], others: list[Capsule], tree: Any, *, coarse: bool = False, enough: float = np.inf
-) -> float:
+def _rate(capsules: list[Capsule], others: list[Capsule], tree: Any, enough: float) -> float:
     """Return the product of the largest excess of some capsules of a mesh and their size, or a part of it from `enough` on."""
     size, worst = _size(capsules), 0.0
     for k, c in enumerate(capsules):
-        worst = max(worst, bound_excess(c, [*others, *capsules[:k], *capsules[k + 1 :]], tree, coarse=coarse))
+        worst = max(worst, bound_excess(c, [*others, *capsules[:k], *capsules[k + 1 :]], tree, coarse=True))
         if worst * size >= enough:
             break
     return worst * size
@@ -352,16 +357,19 @@ def _cut(part: Part, others: list[Capsule], tree: Any, most: int) -> list[Part]:
     least = np.inf
     for u in find_axes(points):
         low, high = float((points @ u).min()), float((points @ u).max())
-        for cuts in (c for count in range(1, min(most, 3)) for c in combinations(CUTS, count)):
-            offsets = [low + share * (high - low) for share in cuts]
-            pieces = _slabs(few, u, offsets)
-            if min(len(piece) for piece in pieces) == 0:
+        offsets = [low + share * (high - low) for share in CUTS]
+        slabs = [_hull(slab.reshape(-1, 3)) for slab in _slabs(few, u, offsets)]
+        fits: dict[tuple[int, int], Capsule] = {}
+        for cuts in (c for count in range(1, min(most, 3)) for c in combinations(range(len(CUTS)), count)):
+            spans = [(k + 1, m + 1) for k, m in pairwise((-1, *cuts, len(CUTS)))]
+            if min(sum(map(len, slabs[k:m])) for k, m in spans) == 0:
                 continue
-            capsules = [fit_roughly(piece.reshape(-1, 3)) for piece in pieces]
-            enough = (1.0 if len(pieces) == 2 else WORTH_A_CUT) * least  # a third capsule must reduce it more
-            worst = _rate(capsules, others, tree, coarse=True, enough=enough)
+            for k, m in spans:
+                fits[k, m] = fits.get((k, m)) or fit_roughly(np.concatenate(slabs[k:m]))
+            enough = (1.0 if len(cuts) == 1 else WORTH_A_CUT) * least  # a third capsule must reduce it more
+            worst = _rate([fits[span] for span in spans], others, tree, enough)
             if worst < enough:
-                best, least = (u, offsets), worst
+                best, least = (u, [offsets[k] for k in cuts]), worst
     return part.cut(*best) if best is not None else []
 
 
@@ -444,3 +452,112 @@ def _box(pose: Any, edges: Any, where: str) -> list[Capsule]:
         raise InvalidInput(f"{where}: edges", format_value(edges), "three full edge lengths above 0")
     T = se3.check_pose(pose, f"{where}: T")
     return [c.transform(T) for c in enclose_mesh(box_triangles(lengths))]
+
+
+# ---------------- capsules
+
+
+WELL_SWEPT = 0.01
+"""Increase of the radius [m] below which a range is not halved further."""
+MOST_SWEPT = 8
+"""Most capsules of one moving link, if it has fewer itself: the time of a certificate grows with their number."""
+LONGEST_ARC = 0.5
+"""Longest arc between corners [rad]: a corner lies 3 % outside of its arc."""
+TURN_ABOUT_AXIS = 1.5 * np.pi
+"""Angle [rad] from which a capsule about the axis encloses a turn."""
+MOST_SWEPT_POINTS = 100
+"""Most points that contain the ends of an axis: more of them are enclosed by a capsule."""
+
+
+class SweepStep(NamedTuple):
+    """A joint between a link and the arm: its pose, its axis, and its value factor · (value of a driver) + offset."""
+
+    T: Array
+    slides: bool
+    axis: Array
+    driver: int
+    factor: float
+    offset: float
+
+
+def sweep_capsules(capsules: Sequence[Capsule], steps: Sequence[SweepStep], ranges: Array) -> list[Capsule]:
+    """Enclose capsules of a link for all values of the drivers.
+
+    steps: from the link to the arm. ranges (d, 2): lower and upper value of each driver [rad, m].
+    """
+    parts = [(ranges, _sweep_all(capsules, steps, ranges))]
+    while (len(parts) + 1) * len(capsules) <= MOST_SWEPT:
+        growth = [_measure_growth(capsules, found) for _, found in parts]
+        i = int(np.argmax(growth))
+        if growth[i] <= WELL_SWEPT:
+            break
+        part = parts[i][0]
+        halves = [
+            [(half, _sweep_all(capsules, steps, half)) for half in _halve(part, driver)]
+            for driver, (low, high) in enumerate(part.tolist())
+            if np.isfinite(high - low) and high > low
+        ]
+        if not halves:
+            break
+        worst = [max(_measure_growth(capsules, found) for _, found in pair) for pair in halves]
+        parts[i : i + 1] = halves[int(np.argmin(worst))]
+    return [c for _, found in parts for c in found]
+
+
+def _halve(ranges: Array, driver: int) -> tuple[Array, Array]:
+    """Return the ranges with that of one driver halved."""
+    lower, upper = ranges.copy(), ranges.copy()
+    lower[driver, 1] = upper[driver, 0] = ranges[driver].mean()
+    return lower, upper
+
+
+def _measure_growth(capsules: Sequence[Capsule], found: Sequence[Capsule]) -> float:
+    """Return the largest increase of a radius."""
+    return max(b.radius - a.radius for a, b in zip(capsules, found, strict=True))
+
+
+def _sweep_all(capsules: Sequence[Capsule], steps: Sequence[SweepStep], ranges: Array) -> list[Capsule]:
+    """Enclose each capsule by one for all values of the drivers."""
+    return [_sweep(c, steps, ranges) for c in capsules]
+
+
+def _sweep(c: Capsule, steps: Sequence[SweepStep], ranges: Array) -> Capsule:
+    """Enclose a capsule by one for all values of the drivers."""
+    points, radius, excess, fixed = np.array([c.a, c.b]), c.radius, c.excess, c
+    for step in steps:
+        low, high = (
+            sorted(step.factor * ranges[step.driver] + step.offset) if step.factor else (step.offset, step.offset)
+        )
+        if step.slides:
+            shifts = np.array([low, high]) if high > low else np.array([low])
+            points = (points + (shifts[:, None] * step.axis)[:, None]).reshape(-1, 3)
+        elif high - low >= TURN_ABOUT_AXIS:
+            along = points @ step.axis
+            radius += float(np.linalg.norm(points - along[:, None] * step.axis, axis=1).max())
+            points, excess = np.array([along.min(), along.max()])[:, None] * step.axis, np.nan
+        else:
+            points = turn_points(points, step.axis, low, high)
+        points = points @ step.T[:3, :3].T + step.T[:3, 3]
+        if len(points) > MOST_SWEPT_POINTS:
+            hull, excess = fit_roughly(points, 0.0), np.nan
+            points, radius = np.array([hull.a, hull.b]), radius + hull.radius
+        turn = np.eye(4)
+        turn[:3, :3], turn[:3, 3] = (np.eye(3), low * step.axis) if step.slides else (se3.exp_so3(low * step.axis), 0.0)
+        fixed = fixed.transform(step.T @ turn)
+    if len(points) == 2:
+        hulls = () if any(step.factor for step in steps) else fixed.hulls
+        return Capsule(points[0], points[1], radius, excess, hulls)
+    hull = fit_roughly(points, 0.0)
+    return Capsule(hull.a, hull.b, hull.radius + radius)
+
+
+def turn_points(points: Array, axis: Array, low: float, high: float) -> Array:
+    """Return points whose convex hull contains points that turn about an axis between two angles."""
+    if high == low:
+        return points @ se3.exp_so3(low * axis).T
+    count = int(np.ceil((high - low) / LONGEST_ARC))
+    half = 0.5 * (high - low) / count
+    along = (points @ axis)[:, None] * axis
+    corners = low + half * (1.0 + 2.0 * np.arange(count))
+    turns = [(low, 1.0), *((angle, 1.0 / np.cos(half)) for angle in corners.tolist()), (high, 1.0)]
+    return np.concatenate([along + wider * ((points - along) @ se3.exp_so3(angle * axis).T) for angle, wider in turns])

@@ -1,4 +1,4 @@
-"""Hulls of the parts of a body: much closer to it than capsules, and still around it.
+"""Hulls of the parts of a body, closer to it than capsules, and a lower bound of their distance by Wolfe's algorithm.
 
 The part of a mesh in a capsule is cut by planes as long as this makes the hulls of both pieces much smaller than that of the
 part. An extreme point of the solid between the planes is on the surface, or where three planes meet. So a hull of the cut
@@ -10,10 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from itertools import combinations
+from math import sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from optik import kinematics
 from optik.arm.limits import freeze
 from optik.arm.shapes.check import Capsules, check_excess
 from optik.arm.shapes.enclosure import (
@@ -29,10 +31,322 @@ from optik.arm.shapes.enclosure import (
     find_axes,
     sample_points,
 )
-from optik.arm.shapes.hull_distance import Hulls, distances_from_hull
 from optik.check import check_number, format_value, real_array
+from optik.compiled import compiled, inlined
 from optik.errors import InvalidInput
+from optik.kinematics import Chain, Triple
 from optik.types import Array, Flags, Indices
+
+# ---------------- distance of convex hulls that move with the links of an arm
+
+
+Hulls = tuple[Indices, Array, Array, Indices]
+"""Hulls of bodies as kernels take them: first hull and link (bodies + 1, 2) of each body; of each hull (h, 7) the range of its
+corners, centre and radius of a ball around it, and its rounding radius [m]; corners (v, 3) in the frames of the links [m]; and
+the number of the first body of each kind of a pair (7,), see `optik.scene.contact`. Empty for an arm without hulls."""
+Pose = tuple[float, float, float, float, float, float, float, float, float, float, float, float]
+"""The upper three rows of a transform."""
+HULL_ERROR = 1e-7
+"""Gap between a distance found and its lower bound [m] at which the search ends."""
+MOST_KNOWN = 1000
+"""Most pairs of triangles that are remembered."""
+MOST_STEPS = 200
+"""Most steps of a search: the lower bound of the last one holds."""
+
+
+@compiled
+def _affine_minimum(points: Array, count: int, work: Array) -> bool:
+    """Compute the affine combination of points (count, 3) nearest to the origin, row 4 of `work`; False if dependent."""
+    A, k = work, count - 1  # the right side is row 3
+    for i in range(k):
+        for j in range(k):
+            A[i, j] = 0.0
+            for c in range(3):
+                A[i, j] += (points[i + 1, c] - points[0, c]) * (points[j + 1, c] - points[0, c])
+        A[3, i] = 0.0
+        for c in range(3):
+            A[3, i] -= (points[i + 1, c] - points[0, c]) * points[0, c]
+    for i in range(k):  # Cholesky's factor below the diagonal, and forward substitution
+        for j in range(i + 1):
+            for m in range(j):
+                A[i, j] -= A[i, m] * A[j, m]
+            if j < i:
+                A[i, j] /= A[j, j]
+        if not A[i, i] > 0.0:
+            return False
+        A[i, i] = sqrt(A[i, i])
+        for m in range(i):
+            A[3, i] -= A[i, m] * A[3, m]
+        A[3, i] /= A[i, i]
+    A[4, 0] = 1.0
+    for i in range(k - 1, -1, -1):
+        for m in range(i + 1, k):
+            A[3, i] -= A[m, i] * A[3, m]
+        A[3, i] /= A[i, i]
+        A[4, i + 1] = A[3, i]
+        A[4, 0] -= A[3, i]
+    return True
+
+
+@compiled
+def reduce_simplex(points: Array, at: Array, shares: Array, count: int, work: Array) -> int:
+    """Move to the point of the simplex that is nearest to the origin, and drop the corners that it does not need.
+
+    points (4, 3) and at (4,), a number of each point, are reordered; shares (4,) of the point before, the last one 0; work
+    (5, 4) is overwritten. Returns the number of corners; 0 if they are dependent.
+    """
+    while True:
+        if not _affine_minimum(points, count, work):
+            return 0
+        step = 1.0
+        for i in range(count):
+            if work[4, i] <= 0.0 and shares[i] - work[4, i] > 0.0:
+                step = min(step, shares[i] / (shares[i] - work[4, i]))
+        kept = 0
+        for i in range(count):
+            left = shares[i] + step * (work[4, i] - shares[i])
+            if work[4, i] > 0.0 or (step < 1.0 and left > 1e-15):
+                for c in range(3):
+                    points[kept, c] = points[i, c]
+                at[kept], shares[kept] = at[i], left
+                kept += 1
+        if step == 1.0 or kept == count or kept == 0:
+            return kept
+        count = kept
+
+
+@inlined
+def pose_of(frame: Array, link: int) -> Pose:
+    """Return the pose of a link in the base frame: frame (n, 4, 4) [1, m]."""
+    if link == 0:
+        return 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0
+    T, j = frame, link - 1
+    return (
+        T[j, 0, 0], T[j, 0, 1], T[j, 0, 2], T[j, 0, 3],
+        T[j, 1, 0], T[j, 1, 1], T[j, 1, 2], T[j, 1, 3],
+        T[j, 2, 0], T[j, 2, 1], T[j, 2, 2], T[j, 2, 3],
+    )  # fmt: skip
+
+
+@inlined
+def _place(T: Pose, x: float, y: float, z: float) -> Triple:
+    return (
+        T[0] * x + T[1] * y + T[2] * z + T[3],
+        T[4] * x + T[5] * y + T[6] * z + T[7],
+        T[8] * x + T[9] * y + T[10] * z + T[11],
+    )
+
+
+@inlined
+def find_farthest(corners: Array, first: int, last: int, T: Pose, v: Triple) -> int:
+    """Return the corner of a hull that is the farthest along a direction of the base frame."""
+    x = T[0] * v[0] + T[4] * v[1] + T[8] * v[2]
+    y = T[1] * v[0] + T[5] * v[1] + T[9] * v[2]
+    z = T[2] * v[0] + T[6] * v[1] + T[10] * v[2]
+    far, which = -np.inf, first
+    for i in range(first, last):
+        ahead = x * corners[i, 0] + y * corners[i, 1] + z * corners[i, 2]
+        if ahead > far:
+            far, which = ahead, i
+    return which
+
+
+@compiled
+def hull_distance(
+    corners: Array, spans: tuple[int, int, int, int], T: Pose, U: Pose, towards: Triple, least: float, seed: Array
+) -> tuple[float, float, Triple, Triple]:
+    """Return a lower bound on the distance of two hulls, the distance found, a unit normal, and the nearest point of the first.
+
+    For a vector v and all points a and b of the hulls, v·(a − b) is at least its value h at the corner that is the farthest
+    along −v of the first hull and along v of the second, because a linear function has its least value at a corner. So
+    |a − b| ≥ h / |v|, whatever v is: the bound holds at every step, and rounding and degenerate corners can only make it
+    smaller. The distance found is that of two points of the hulls, so it is at least the true one, infinite before there are
+    any. The search ends where both agree, where the bound reaches `least`, or where the hulls intersect (then the bound is at
+    most 0).
+
+    spans: first and last corner of each hull. T, U: their poses. towards: a first direction, from the second hull to the first.
+    seed (4,): a number, and pairs of corners with which the search begins, −1 for none; updated with those of its end.
+    """
+    points, at, shares, work = np.empty((4, 3)), np.empty(4), np.zeros(4), np.empty((5, 4))
+    v, far, bound, normal, total = towards, np.inf, -np.inf, (1.0, 0.0, 0.0), corners.shape[0]
+    count, size = 0, sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+    for step in range(MOST_STEPS):
+        known = step < 3 and seed[step + 1] >= 0.0
+        if known:
+            i, j = int(seed[step + 1]) // total, int(seed[step + 1]) % total
+        else:
+            i = find_farthest(corners, spans[0], spans[1], T, (-v[0], -v[1], -v[2]))
+            j = find_farthest(corners, spans[2], spans[3], U, v)
+        a = _place(T, corners[i, 0], corners[i, 1], corners[i, 2])
+        b = _place(U, corners[j, 0], corners[j, 1], corners[j, 2])
+        m = (a[0] - b[0], a[1] - b[1], a[2] - b[2])
+        if not known and size > 0.0:
+            ahead = (v[0] * m[0] + v[1] * m[1] + v[2] * m[2]) / size
+            if ahead > bound:
+                bound, normal = ahead, (v[0] / size, v[1] / size, v[2] / size)
+            if far - bound <= HULL_ERROR or bound >= least:
+                break
+        points[count, 0], points[count, 1], points[count, 2] = m
+        at[count], shares[count], before = i * total + j, 1.0 if count == 0 else 0.0, count
+        count = reduce_simplex(points, at, shares, count + 1, work) if count > 0 else 1
+        if count == 0 and known:
+            seed[1:] = -1.0
+            continue
+        x, y, z = 0.0, 0.0, 0.0
+        for k in range(count):
+            x, y, z = x + shares[k] * points[k, 0], y + shares[k] * points[k, 1], z + shares[k] * points[k, 2]
+        shorter = sqrt(x * x + y * y + z * z)
+        if count == 0 or (not known and shorter >= far):  # rounding
+            count = max(count, before)
+            break
+        v, far, size = (x, y, z), shorter, shorter
+        if count == 4 or far <= HULL_ERROR:
+            break
+    total_share, p = 0.0, (0.0, 0.0, 0.0)
+    seed[1:] = -1.0
+    for k in range(count):
+        c = int(at[k]) // total
+        a, total_share = _place(T, corners[c, 0], corners[c, 1], corners[c, 2]), total_share + shares[k]
+        p = p[0] + shares[k] * a[0], p[1] + shares[k] * a[1], p[2] + shares[k] * a[2]
+        if k < 3:
+            seed[k + 1] = at[k]
+    return bound, far, normal, p
+
+
+@inlined
+def _is_far(a: Triple, b: Triple, reach: float) -> bool:
+    """Return whether two points are farther apart than a distance."""
+    x, y, z = a[0] - b[0], a[1] - b[1], a[2] - b[2]
+    return bool(x * x + y * y + z * z > reach * reach)
+
+
+@compiled
+def nearest_hulls(
+    one: int, other: int, hulls: Hulls, frame: Array, least: float, seed: Array
+) -> tuple[float, Triple, Triple]:
+    """Return a lower bound on the distance of two bodies by their hulls, a unit normal, and the nearest point of the first.
+
+    Each hull is rounded: all points within its radius belong to it, so the radii of both are subtracted. At most 0 in contact.
+    From `least` on the bound is `least`, without normal and point. seed (2, 4), updated: the pair of hulls that was the nearest
+    at another configuration, and the corners that decided, or −1; and memory.
+
+    Shapes and units: frame (n, 4, 4) [1, m]. Returns [m, 1, m].
+    """
+    index, heads, corners, _kinds = hulls
+    T, U = pose_of(frame, index[one, 1]), pose_of(frame, index[other, 1])
+    best, normal, point, first, count = least, (1.0, 0.0, 0.0), (0.0, 0.0, 0.0), int(seed[0, 0]), heads.shape[0]
+    rows, columns = index[one + 1, 0] - index[one, 0], index[other + 1, 0] - index[other, 0]
+    for turn in range(-1, rows * columns):  # first the pair that was the nearest
+        i, j = (first // count, first % count) if turn < 0 else (turn // columns, turn % columns)
+        if turn >= 0:
+            i, j = i + index[one, 0], j + index[other, 0]
+        elif not (index[one, 0] <= i < index[one + 1, 0] and index[other, 0] <= j < index[other + 1, 0]):
+            continue
+        if turn >= 0 and i * count + j == first:
+            continue
+        c, d = _place(T, heads[i, 2], heads[i, 3], heads[i, 4]), _place(U, heads[j, 2], heads[j, 3], heads[j, 4])
+        off, thick = (c[0] - d[0], c[1] - d[1], c[2] - d[2]), heads[i, 6] + heads[j, 6]
+        if _is_far(c, d, best + heads[i, 5] + heads[j, 5]):
+            continue
+        spans, at = (int(heads[i, 0]), int(heads[i, 1]), int(heads[j, 0]), int(heads[j, 1])), min(turn + 1, 1)
+        if turn >= 0:
+            seed[1] = -1.0
+        bound, _found, n, p = hull_distance(corners, spans, T, U, off, best + thick, seed[at])
+        if bound - thick < best:
+            best, normal, point = bound - thick, n, p
+            seed[0, 0], seed[0, 1:] = i * count + j, seed[at, 1:]
+            if best <= 0.0:
+                break
+    return best, normal, point
+
+
+@compiled
+def distances_from_hull(corners: Array, points: Array, out: Array) -> None:
+    """Write upper bounds on the distances of points from the hull of corners.
+
+    Shapes and units: corners (v, 3), points (k, 3) [m], out (k,) [m].
+    """
+    both, T = np.concatenate((corners, points)), (1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0)
+    count, c, seed = corners.shape[0], corners[0], np.full(4, -1.0)
+    for k in range(points.shape[0]):
+        towards, seed[1:] = (points[k, 0] - c[0], points[k, 1] - c[1], points[k, 2] - c[2]), -1.0
+        out[k] = hull_distance(both, (count + k, count + k + 1, 0, count), T, T, towards, np.inf, seed)[1]
+
+
+@compiled
+def mark_behind(points: Array, planes: Array, slack: float, behind: Flags) -> None:
+    """Write which points are behind all planes, or at most so far in front of one; the plane of the last one is tried first.
+
+    Shapes and units: points (k, 3), slack [m], planes (f, 4) [1, m], behind (k,).
+    """
+    last, count = 0, planes.shape[0]
+    for k in range(points.shape[0]):
+        behind[k] = True
+        for i in range(count):
+            n = planes[(last + i) % count]
+            if n[0] * points[k, 0] + n[1] * points[k, 1] + n[2] * points[k, 2] > n[3] + slack:
+                behind[k], last = False, (last + i) % count
+                break
+
+
+@compiled
+def find_contacts(chain: Chain, hulls: Hulls, pairs: Indices, q: Array, touching: Flags) -> None:
+    """Write which pairs of parts of an arm are in contact by their hulls at configurations.
+
+    Shapes and units: pairs (p, 3) of two bodies and the number of the pair of parts, q (k, n) [rad, m], touching (parts, k).
+    """
+    frame, seed = np.empty((q.shape[1], 4, 4)), np.full((2, 4), -1.0)
+    touching[:] = False
+    for k in range(q.shape[0]):
+        kinematics.frames(chain, q[k], frame)
+        for p in range(pairs.shape[0]):
+            if not touching[pairs[p, 2], k]:
+                touching[pairs[p, 2], k] = (
+                    nearest_hulls(pairs[p, 0], pairs[p, 1], hulls, frame, HULL_ERROR, seed)[0] <= 0.0
+                )
+
+
+@inlined
+def _is_met(i: int, j: int, meshes: Hulls, T: Pose, U: Pose) -> bool:
+    """Return whether two triangles of meshes have a common point."""
+    _index, heads, corners, _kinds = meshes
+    c, d = _place(T, heads[i, 2], heads[i, 3], heads[i, 4]), _place(U, heads[j, 2], heads[j, 3], heads[j, 4])
+    if _is_far(c, d, heads[i, 5] + heads[j, 5]):
+        return False
+    spans = (int(heads[i, 0]), int(heads[i, 1]), int(heads[j, 0]), int(heads[j, 1]))
+    off = (c[0] - d[0], c[1] - d[1], c[2] - d[2])
+    return bool(hull_distance(corners, spans, T, U, off, 2.0 * HULL_ERROR, np.full(4, -1.0))[1] <= HULL_ERROR)
+
+
+@compiled
+def count_crossings(chain: Chain, meshes: Hulls, balls: Array, q: Array) -> int:
+    """Return how many configurations from the first one on have contact of two meshes: bodies whose hulls are triangles.
+
+    Shapes and units: balls (2, 4) around the meshes, q (k, n) [rad, m].
+    """
+    index, heads, frame = meshes[0], meshes[1], np.empty((q.shape[1], 4, 4))
+    known, count = np.empty((MOST_KNOWN, 2), np.int64), 0  # pairs of triangles that touched before are tried first
+    for k in range(q.shape[0]):
+        kinematics.frames(chain, q[k], frame)
+        T, U = pose_of(frame, index[0, 1]), pose_of(frame, index[1, 1])
+        found, middle = False, _place(U, balls[1, 0], balls[1, 1], balls[1, 2])
+        for row in range(min(count, MOST_KNOWN)):
+            found = found or _is_met(known[row, 0], known[row, 1], meshes, T, U)
+        for i in range(index[1, 0]):
+            if found or _is_far(_place(T, heads[i, 2], heads[i, 3], heads[i, 4]), middle, heads[i, 5] + balls[1, 3]):
+                continue
+            for j in range(index[1, 0], index[2, 0]):
+                if _is_met(i, j, meshes, T, U):
+                    known[count % MOST_KNOWN], found = (i, j), True
+                    count += 1
+                    break
+        if not found:
+            return int(k)
+    return int(q.shape[0])
+
+
+# ---------------- hulls of the parts of a body
+
 
 MOST_CORNERS = 96
 """Most corners of a hull: the time of a distance grows with their number."""
@@ -42,6 +356,8 @@ MOST_HULLS = 8
 """Most hulls of the part of a mesh in one capsule."""
 WORTH_HALVING = 0.03
 """A part is cut if this reduces the volume of its hulls by at least this fraction of the volume of the body's hulls."""
+WORTH_FREEING = 8e-6
+"""Volume [m³] that is worth a cut of any part."""
 CHOOSING_TRIANGLES = 300
 """Number of triangles of a larger part from which its cut is chosen."""
 RING = 32
@@ -98,7 +414,9 @@ def find_hull(points: Array) -> Solid:
 
 def is_behind(points: Array, planes: Array, slack: float) -> Flags:
     """Return which points (..., 3) are behind all planes, or at most so far in front of one."""
-    return np.asarray((points @ planes[:, :3].T <= planes[:, 3] + slack).all(axis=-1))
+    behind = np.empty(points.shape[:-1], np.bool_)
+    mark_behind(points.reshape(-1, 3), planes, slack, behind.reshape(-1))
+    return behind
 
 
 def round_hull(points: Array) -> Hull:
@@ -141,7 +459,7 @@ def _cut(part: Part, around: tuple[Solid, Capsule]) -> list[Solid]:
     """Cut the part of a mesh by planes, the piece first whose hulls become smaller by the most; return the hulls."""
     pieces = [(part, _hull_of(part, around))]
     halves = [_halve(*pieces[0], around)]
-    least = WORTH_HALVING * pieces[0][1].volume
+    least = min(WORTH_HALVING * pieces[0][1].volume, WORTH_FREEING)
     while len(pieces) < MOST_HULLS:
         rows = zip(pieces, halves, strict=True)
         gains = [hull.volume - sum(half.volume for _, half in both) if both else 0.0 for (_, hull), both in rows]

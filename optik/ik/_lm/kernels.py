@@ -10,6 +10,12 @@ import numpy as np
 from optik.arm.limits import LIMIT_TOLERANCE as SLACK
 from optik.compiled import compiled, inlined, parallel
 from optik.ik._lm.lanes import (
+    AT_BASE_P,
+    AT_BASE_R,
+    AT_FIRST,
+    AT_LOWER,
+    AT_TOOL_R,
+    AT_UPPER,
     ATTEMPT,
     BEGINS,
     BEST_E,
@@ -26,14 +32,13 @@ from optik.ik._lm.lanes import (
     TOTAL,
     Q,
     S,
+    compute_errors,
     correct_half_turn,
     e,
-    errors,
-    steps,
+    stack,
+    step_lanes,
 )  # fmt: skip
-from optik.ik._lm.packing import AT_BASE_P, AT_BASE_R, AT_FIRST, AT_LOWER, AT_TOOL_R, AT_UPPER
 from optik.ik._lm.search import MEASURE, STEP, advance, flag_lanes, place_lane
-from optik.ik._lm.stack import stack
 from optik.se3 import is_pose
 from optik.types import Array
 
@@ -76,7 +81,7 @@ def aim(arm: Array, target: Array, w: Array, l: int) -> None:
 
 
 @inlined
-def load(arm: Array, w: Array, targets: Array, problem: int, l: int) -> None:
+def load_kernels(arm: Array, w: Array, targets: Array, problem: int, l: int) -> None:
     """Assign a problem to a lane.
 
     Shapes and units: arm (size,) [as `pack` writes it], w (ROWS, L) [as the rows say] (overwritten), targets (N, 4, 4) [1, m].
@@ -124,7 +129,7 @@ def solve_lanes(
     N, L = targets.shape[0], w.shape[1]
     waiting, busy = 0, 0
     for l in range(L):  # a lane without a problem computes a copy of another's, and its result is ignored
-        load(arm, w, targets, min(waiting, N - 1), l)
+        load_kernels(arm, w, targets, min(waiting, N - 1), l)
         if waiting < N:
             waiting += 1
             busy += 1
@@ -134,7 +139,7 @@ def solve_lanes(
         for l in range(L):
             if w[MOVED, l] != 0.0:
                 place_lane(arm, w, n, starts[max(int(w[PROBLEM, l]), 0)], l)
-        errors(arm, w, g, n)
+        compute_errors(arm, w, g, n)
         if answers.trace.shape[0] > 0:
             write_trace(w, answers.trace)
         flag_lanes(arm, w)
@@ -151,13 +156,13 @@ def solve_lanes(
             elif status != MEASURE:
                 write_answer(w, n, answers, l, status)
                 if waiting < N:
-                    load(arm, w, targets, waiting, l)
+                    load_kernels(arm, w, targets, waiting, l)
                     waiting += 1
                 else:
                     w[PROBLEM, l] = IDLE
                     busy -= 1
         if stepping:
-            steps(arm, w, g, J, n, holding)
+            step_lanes(arm, w, g, J, n, holding)
 
 
 def build_single(n: int) -> Any:

@@ -7,28 +7,212 @@ they have the same operations in the same order as batches, so that results are 
 
 from __future__ import annotations
 
-from math import sqrt
+from functools import lru_cache
+from math import atan2, cos, sin, sqrt
+from typing import Any
 
 import numpy as np
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic
+from numba.np import arrayobj
 
+from optik.arm.robot import Robot
 from optik.compiled import inlined
-from optik.ik._lm.angles import angle_of, sine_cosine
-from optik.ik._lm.fma import fma
-from optik.ik._lm.packing import (
-    AT_COS_A,
-    AT_GAIN,
-    AT_LEAST_DAMPING,
-    AT_MOVES,
-    AT_PX,
-    AT_PY,
-    AT_PZ,
-    AT_SIN_A,
-    AT_SLIDES,
-    AT_TOOL_P,
-    AT_ZERO,
-)  # fmt: skip
-from optik.se3 import log_rotation
+from optik.se3 import inverse, log_rotation
 from optik.types import Array
+
+# ---------------- arm and options in one flat array for the kernels
+
+
+# Positions in the flat array. First the options of the search and whether the arm has fewer joints than a pose components,
+# then the reach bound (8), rotation (9) and position (3) of the base, rotation (9) and position (3) of the tool, and the
+# number of redundant joints.
+(AT_TOLERANCE_P, AT_TOLERANCE_R, AT_GAIN, AT_LEAST_DAMPING, AT_ITERATIONS) = range(5)
+(AT_FIRST, AT_ATTEMPTS, AT_PATIENCE, AT_PROGRESS, AT_FEW) = range(5, 10)
+AT_REACH, AT_BASE_R, AT_BASE_P, AT_TOOL_R, AT_TOOL_P, AT_SPARE = 10, 18, 27, 30, 39, 42
+
+MOST_JOINTS = 12
+"""Largest number of joints: the size of the kernels' work arrays."""
+
+# For all joints: p (three values), cos α, sin α, θ, 1 if prismatic, 1 if not locked, lower limit, upper limit.
+AT_PX, AT_PY, AT_PZ, AT_COS_A, AT_SIN_A, AT_ZERO, AT_SLIDES, AT_MOVES, AT_LOWER, AT_UPPER = range(43, 163, MOST_JOINTS)
+
+COMPARED_SEEDS, SEEDS = 256, 1024
+"""Number of seeds whose poses are compared with the target, and number of all seeds."""
+AT_BEST_E, AT_BEST, AT_SEEDS = 163, 164, 176
+"""Positions of ½|e|² and of the configuration of the best iterate of earlier attempts, if AT_FIRST is not the first attempt.
+Then follow the seeds' poses (13, COMPARED_SEEDS) and configurations (SEEDS, n), first of the seeds anywhere inside the
+limits. For arms with redundant joints, those of the seeds with joints at limits follow."""
+
+
+def pack_arm(robot: Robot, reach: Array, options: Array) -> Array:
+    """Return an arm, its reach bound and the options of a solver as one flat array."""
+    spare = count_spare_joints(robot)
+    joints = np.zeros((10, MOST_JOINTS))
+    joints[:, : robot.n] = joint_parameters(robot).T
+    first, tool = robot.fixed[0], robot.tool
+    frames = (first[:3, :3], first[:3, 3], tool[:3, :3], tool[:3, 3])
+    seeds = (*_sample_seeds(robot, 0), *(_sample_seeds(robot, spare) if spare else ()))
+    best = np.full(1 + MOST_JOINTS, np.inf)
+    parts = (options, reach, *frames, np.array([float(spare)]), joints, best, *seeds)
+    return np.concatenate([part.ravel() for part in parts])
+
+
+def count_spare_joints(robot: Robot) -> int:
+    """Return the number of joints that can be held at a limit while six others move."""
+    lower, upper = robot.limits.lower, robot.limits.upper
+    moves = lower < upper
+    limited = moves & (np.isfinite(lower) | np.isfinite(upper))
+    return max(min(int(moves.sum()) - 6, int(limited.sum())), 0)
+
+
+@lru_cache(maxsize=64)
+def _sample_seeds(robot: Robot, held: int) -> tuple[Array, Array]:
+    """Return poses (13, COMPARED_SEEDS) and configurations (SEEDS, n) of random seeds with `held` joints at a limit.
+
+    A pose is stored so that a scalar product with the target gives half the squared distance up to a constant: rotation
+    (9) and position (3), weighted as in the distance, and half the square of the position. A radian counts as 0.3 m
+    (measured: values between 0.15 and 0.5 do as well).
+    """
+    rng = np.random.default_rng(1)
+    q = move_to_limits(robot, rng, robot.limits.sample(rng, SEEDS), held)
+    T = inverse(robot.fixed[0]) @ robot.fk(q[:COMPARED_SEEDS])
+    R, p = T[:, :3, :3] @ robot.tool[:3, :3].T, T[:, :3, 3]
+    return np.vstack([0.1 * R.reshape(-1, 9).T, p.T, 0.5 * (p**2).sum(axis=1)]), q
+
+
+def move_to_limits(robot: Robot, rng: np.random.Generator, q: Array, held: int) -> Array:
+    """Move `held` random joints of every configuration to a random finite limit; locked joints stay."""
+    lower, upper = robot.limits.lower, robot.limits.upper
+    end = np.where(rng.random(q.shape) < 0.5, lower, upper)
+    end = np.where(np.isfinite(end), end, np.where(np.isfinite(lower), lower, upper))
+    rank = np.where(np.isfinite(end) & (lower < upper), rng.random(q.shape), 2.0).argsort(axis=1).argsort(axis=1)
+    return np.where(rank < held, end, q)
+
+
+def joint_parameters(robot: Robot) -> Array:
+    """Return the parameters (n, 10) of an arm's joints.
+
+    Joint frames are rotated about their own z, which only shifts the joint's zero. Joint i then follows joint i − 1 by the
+    translation p and Rot(x, α), and Rot(z, q + θ), or Rot(z, θ) Trans(z, q) if prismatic. This describes every serial arm
+    with two thirds of the multiplications of full transforms. α and θ are two of the Euler angles z–x–z of the fixed
+    rotation; the third is added to θ of the previous joint.
+    """
+    n, limits = robot.n, robot.limits
+    joints = np.zeros((n, 10))
+    joints[:, 3] = 1.0  # cos α of the first, whose frame is the base
+    joints[:, 6], joints[:, 7] = robot.prismatic, limits.lower < limits.upper
+    joints[:, 8], joints[:, 9] = limits.lower, limits.upper
+    for i in range(1, n):  # Rot(z, a) Rot(x, α) Rot(z, b): a is added to the previous joint's zero, b to this one's
+        R, p = robot.fixed[i, :3, :3], robot.fixed[i, :3, 3]
+        across = sqrt(R[0, 2] ** 2 + R[1, 2] ** 2)
+        a = atan2(R[0, 2], -R[1, 2]) if across > 1e-12 else 0.0
+        ca, sa = cos(a), sin(a)
+        ct, st = R[2, 2], sa * R[0, 2] - ca * R[1, 2]
+        size = sqrt(ct * ct + st * st)
+        ct, st = ct / size, st / size
+        back = np.array([[ca, sa, 0.0], [-ct * sa, ct * ca, st], [st * sa, -st * ca, ct]])  # Rot(x, −α) Rot(z, −a)
+        rest = back @ R
+        joints[i, 0:3] = ca * p[0] + sa * p[1], ca * p[1] - sa * p[0], p[2]
+        joints[i, 3:5] = ct, st
+        joints[i - 1, 5] += a
+        joints[i, 5] = atan2(rest[1, 0], rest[0, 0])
+    return joints
+
+
+# ---------------- explicit fused multiply–add
+
+
+def _fma(typingctx: Any, x: Any, y: Any, z: Any) -> Any:
+    """Return x y + z for float64: one instruction if the processor has it, else a slow call."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.fma(*arguments)
+
+    return types.float64(types.float64, types.float64, types.float64), generate
+
+
+fma: Any = intrinsic(_fma)
+
+
+# ---------------- small arrays on the stack of compiled code
+
+
+def _stack(typingctx: Any, rows: Any, columns: Any) -> Any:
+    """Allocate an uninitialised float64 array (rows, columns) on the stack; both sizes are compile-time constants."""
+    if not (isinstance(rows, types.IntegerLiteral) and isinstance(columns, types.IntegerLiteral)):
+        return None  # Numba reports that no implementation fits
+    kind = types.Array(types.float64, 2, "C")
+    shape = (rows.literal_value, columns.literal_value)
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        data = cgutils.alloca_once(builder, context.get_value_type(types.float64), size=shape[0] * shape[1])
+        data.align = 64  # a cache line: without it the time of a batch varies by 10 %
+        array = context.make_array(kind)(context, builder)
+
+        def size(value: int) -> Any:
+            return context.get_constant(types.intp, value)
+
+        arrayobj.populate_array(
+            array, data=data, shape=[size(s) for s in shape], strides=[size(8 * shape[1]), size(8)],
+            itemsize=size(8), meminfo=None,
+        )  # fmt: skip
+        return array._getvalue()
+
+    return kind(rows, columns), generate
+
+
+stack: Any = intrinsic(prefer_literal=True)(_stack)
+
+
+# ---------------- sine
+
+
+@inlined
+def sine_cosine(x: float) -> tuple[float, float]:
+    """Return sine and cosine to the last bits for |x| < 1e5, without branches (Cephes: Moshier 1989).
+
+    Shapes and units: x [rad].
+    """
+    k = np.floor(x * 0.6366197723675814 + 0.5)
+    r = fma(-k, 5.39030285815811905e-15, fma(-k, 7.54978941586159635335e-8, fma(-k, 1.57079625129699707031, x)))
+    z = r * r
+    s = fma(1.58962301576546568060e-10, z, -2.50507477628578072866e-8)
+    s = fma(fma(s, z, 2.75573136213857245213e-6), z, -1.98412698295895385996e-4)
+    s = fma(fma(s, z, 8.33333333332211858878e-3), z, -1.66666666666666307295e-1)
+    s = fma(r * z, s, r)
+    c = fma(-1.13585365213876817300e-11, z, 2.08757008419747316778e-9)
+    c = fma(fma(c, z, -2.75573141792967388112e-7), z, 2.48015872888517045348e-5)
+    c = fma(fma(c, z, -1.38888888888730564116e-3), z, 4.16666666666665929218e-2)
+    c = fma(z * z, c, 1.0 - 0.5 * z)
+    quadrant = k - 4.0 * np.floor(0.25 * k)
+    odd = quadrant == 1.0 or quadrant == 3.0
+    sine = c if odd else s
+    cosine = s if odd else c
+    return (-sine if quadrant >= 2.0 else sine), (-cosine if quadrant == 1.0 or quadrant == 2.0 else cosine)
+
+
+@inlined
+def angle_of(s: float, c: float) -> tuple[float, float]:
+    """Return the angle of a sine s ≥ 0 and a cosine, 2 atan(s / (1 + |c|)) by a Chebyshev fit to 1e-13, and angle / s."""
+    t = s / (1.0 + abs(c))
+    z = t * t
+    p = fma(-0.0001124208502549427, z, 0.001018151896826806)
+    p = fma(fma(p, z, -0.004344250352224713), z, 0.01174565157426741)
+    p = fma(fma(p, z, -0.02299373175968858), z, 0.03563559416944365)
+    p = fma(fma(p, z, -0.04713014368368404), z, 0.05688636189885254)
+    p = fma(fma(p, z, -0.06615557216560206), z, 0.07682487117587326)
+    p = fma(fma(p, z, -0.09089586421532263), z, 0.1111099293745973)
+    p = fma(fma(p, z, -0.1428570785015817), z, 0.1999999981481194)
+    p = fma(fma(p, z, -0.3333333333121618), z, 0.9999999999999599)
+    near = 2.0 * t * p
+    angle = near if c >= 0.0 else 3.141592653589793 - near
+    return angle, (2.0 * p / (1.0 + c) if c >= 0.0 else angle / max(s, 1e-300))
+
+
+# ---------------- damped Gauss–Newton iterations in lanes
+
 
 # Rows of the work array w (ROWS, L) for at most 12 joints, relative to the frame of the first joint at q = 0: the
 # configuration Q, the bounds LOW and HIGH of steps, the BEST iterate, sines and cosines of the joint angles.
@@ -64,7 +248,7 @@ NEARLY_HALF_TURN = 9.8695
 def poses(arm: Array, w: Array, g: Array, n: int) -> None:
     """Compute, for the configuration in every lane, the origins and axes of the joints and the frame of the last joint.
 
-    Shapes and units: arm (size,) [as `pack` writes it], w (ROWS, L) [as the rows say] (overwritten), g (GEOMETRY, L) [m, 1]
+    Shapes and units: arm (size,) [as `pack_arm` writes it], w (ROWS, L) [as the rows say] (overwritten), g (GEOMETRY, L) [m, 1]
     (overwritten).
     """
     L = w.shape[1]
@@ -100,7 +284,7 @@ def poses(arm: Array, w: Array, g: Array, n: int) -> None:
 def twists(arm: Array, w: Array) -> None:
     """Compute the error twist of every lane and its squares from the last joint's frame; P becomes the tool's position.
 
-    Shapes and units: arm (size,) [as `pack` writes it], w (ROWS, L) [as the rows say] (overwritten).
+    Shapes and units: arm (size,) [as `pack_arm` writes it], w (ROWS, L) [as the rows say] (overwritten).
     """
     L = w.shape[1]
     tx, ty, tz = arm[AT_TOOL_P], arm[AT_TOOL_P + 1], arm[AT_TOOL_P + 2]
@@ -130,10 +314,10 @@ def twists(arm: Array, w: Array) -> None:
 
 
 @inlined
-def errors(arm: Array, w: Array, g: Array, n: int) -> None:
+def compute_errors(arm: Array, w: Array, g: Array, n: int) -> None:
     """Compute the forward kinematics and the pose error of the configuration in every lane.
 
-    Shapes and units: arm (size,) [as `pack` writes it], w (ROWS, L) [as the rows say] (overwritten), g (GEOMETRY, L) [m, 1]
+    Shapes and units: arm (size,) [as `pack_arm` writes it], w (ROWS, L) [as the rows say] (overwritten), g (GEOMETRY, L) [m, 1]
     (overwritten).
     """
     poses(arm, w, g, n)
@@ -160,7 +344,7 @@ def correct_half_turn(w: Array, l: int) -> None:
 
 
 @inlined
-def hold_joints(w: Array, J: Array, n: int) -> None:
+def zero_held_columns(w: Array, J: Array, n: int) -> None:
     """Set the columns of held joints in the Jacobians J (6 n, L) to 0, so that the other joints alone make the step.
 
     A lane marked PUSHED holds the joints at a bound that Jᵀ e pushes out of it (Bertsekas 1982).
@@ -183,7 +367,7 @@ def hold_joints(w: Array, J: Array, n: int) -> None:
 def jacobians(arm: Array, w: Array, g: Array, J: Array, n: int, holding: bool) -> None:
     """Compute the geometric Jacobian of every lane; the columns of locked and held joints are 0.
 
-    Shapes and units: arm (size,) [as `pack` writes it], w (ROWS, L) [as the rows say], g (GEOMETRY, L) [m, 1], J (6 * n, L)
+    Shapes and units: arm (size,) [as `pack_arm` writes it], w (ROWS, L) [as the rows say], g (GEOMETRY, L) [m, 1], J (6 * n, L)
     [m/rad, 1] (overwritten).
     """
     L = w.shape[1]
@@ -202,14 +386,14 @@ def jacobians(arm: Array, w: Array, g: Array, J: Array, n: int, holding: bool) -
             J[6 * i + 4, l] = turns * zy
             J[6 * i + 5, l] = turns * zz
     if n > 6 or holding:
-        hold_joints(w, J, n)
+        zero_held_columns(w, J, n)
 
 
 @inlined
 def normal_matrix(arm: Array, w: Array, A: Array, J: Array, n: int) -> None:
     """Compute the lower triangle of J Jᵀ + λ² I of every lane by rows, with λ² = gain · E + least damping.
 
-    Shapes and units: arm (size,) [as `pack` writes it], w (ROWS, L) [as the rows say], A (21, L) [m²] (overwritten), J
+    Shapes and units: arm (size,) [as `pack_arm` writes it], w (ROWS, L) [as the rows say], A (21, L) [m²] (overwritten), J
     (6 * n, L) [m/rad, 1].
     """
     gain, least = arm[AT_GAIN], arm[AT_LEAST_DAMPING]
@@ -320,10 +504,10 @@ def substitute(w: Array, A: Array, J: Array, n: int) -> None:
 
 
 @inlined
-def steps(arm: Array, w: Array, g: Array, J: Array, n: int, holding: bool) -> None:
+def step_lanes(arm: Array, w: Array, g: Array, J: Array, n: int, holding: bool) -> None:
     """Apply one step of every lane: Δq = Jᵀ (J Jᵀ + λ² I)⁻¹ e, clamped to the lane's bounds.
 
-    Shapes and units: arm (size,) [as `pack` writes it], w (ROWS, L) [as the rows say] (overwritten), g (GEOMETRY, L) [m, 1]
+    Shapes and units: arm (size,) [as `pack_arm` writes it], w (ROWS, L) [as the rows say] (overwritten), g (GEOMETRY, L) [m, 1]
     (overwritten), J (6 * n, L) [m/rad, 1] (overwritten).
     """
     jacobians(arm, w, g, J, n, holding)

@@ -11,8 +11,7 @@ from optik.check import check_number
 from optik.errors import InvalidInput, InvalidMotion
 from optik.types import Array
 from planners.cell.drives._run import DriveRun
-from planners.cell.drives.base import ExecutionStatus, Fault, FaultKind, StopRequest
-from planners.cell.drives.options import Options
+from planners.cell.drives.base import ExecutionStatus, Fault, FaultKind, Options, StopRequest
 from planners.certificate.certificate import Certificate, check_valid
 from planners.certificate.violation import Allow
 from planners.following.failure import joint_unit
@@ -114,7 +113,7 @@ def read_encoders(actual: Array, options: Options, noise: np.random.Generator) -
     return np.asarray(np.where(options.resolution > 0.0, np.round(read / counts) * counts, read))
 
 
-def judge(run: DriveRun, k: int, read: Array, options: Options, robot: Robot) -> None:
+def check_encoders(run: DriveRun, k: int, read: Array, options: Options, robot: Robot) -> None:
     """Check the encoders at tick k: none may be lost, and every joint must follow its set-points."""
     if run.fault is not None:
         return

@@ -1,28 +1,128 @@
-"""A goal of a RosDrive while it runs: its end, and the stop or the cancellation that ends it early."""
+"""Goals for a joint_trajectory_controller: a plan with its stops while it runs, and the motions of a stream."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, replace
+from time import perf_counter
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from optik.scene.messages import NANOSECONDS
+from optik.errors import InvalidInput, NoSolution
+from optik.scene.files import NANOSECONDS
 from optik.types import Array
 from planners.cell.drives._checks import RESUME_ADVICE
-from planners.cell.drives._ros_goals import Stops
-from planners.cell.drives._run import EncoderMonitor, EventQueue
-from planners.cell.drives.base import Drive, Execution, ExecutionStatus, Fault, FaultKind, Moment, Watcher
-from planners.cell.drives.setpoints import Setpoints
+from planners.cell.drives._run import EncoderMonitor, EventQueue, plan_stop_at
+from planners.cell.drives.base import (
+    Drive,
+    Execution,
+    ExecutionStatus,
+    Fault,
+    FaultKind,
+    Moment,
+    Setpoints,
+    StreamRecord,
+    Watcher,
+    make_record,
+)
+from planners.certificate.violation import Allow
 from planners.following.failure import joint_unit
+from planners.motion import Motion
 from planners.plan import Plan
+from planners.ros.export import JointNames, ros_message
+from planners.ros.message import Form, message_of
 from planners.ros.monitor import JointStates, MotionRecord
 from planners.ros.replies import GoalState, write_time
 from planners.ros.transport import Goal
+from planners.streams.result import Retargeted
+from planners.streams.stream import Stream
 from planners.trajectory import cut_after, join
-from planners.trajectory.controller import sample_states
+from planners.trajectory.trajectory import sample_states
+
+# ---------------- goals for a joint_trajectory_controller
+
+
+PREPARING = 5.0
+"""Approximate limit on the time to compute the stops of a motion [s]; if they take longer, their instants get farther apart."""
+MOTORS = ("velocity", "acceleration", "torque")
+"""Limits of the motors, which a real arm always enforces; the others state how smooth a motion is."""
+ROOM = 1e-4
+"""Relative slowing of a motion before it is sent [1], so that a stop from any of its states exists within the limits: the
+times of points are whole nanoseconds, and this rounding makes a motion at its limits exceed them."""
+
+
+class TimedStop(NamedTuple):
+    """A stop from an instant of a motion [s]; its plan has the certified motion after controller interpolation."""
+
+    t: float
+    plan: Plan
+    message: dict[str, Any]  # its first point is the state at t
+
+
+class Stops(NamedTuple):
+    """The stops of a motion in the order of their instants, the spacing of the instants [s], and why a stop was not found."""
+
+    found: list[TimedStop]
+    every: float
+    reason: str
+
+
+def make_message(plan: Plan, joint_names: JointNames, allow: Allow = ()) -> tuple[Plan, dict[str, Any]]:
+    """Return a plan with the certified motion after controller interpolation, and its message as plain data.
+
+    Raises InvalidMotion, NoSolution or InvalidInput as `planners.to_ros` does.
+    """
+    message, sent = ros_message(motor_motion(plan), joint_names=joint_names, allow=allow)
+    stretch = plan.stretch_factor * sent.factor
+    return replace(plan, _trajectory=sent.trajectory, _certificate=sent.certificate, stretch_factor=stretch), message
+
+
+def motor_motion(plan: Plan) -> Motion:
+    """Return the motion of a plan; it must also respect the limits on velocity, acceleration and torque."""
+    motion = plan.motion
+    return replace(motion, enforced=tuple(n for n in motion.limits.names if n in MOTORS or n in motion.enforced))
+
+
+def describe_exceeded(plan: Plan) -> str:
+    """Return a note on limits that a motion exceeds and its law does not enforce."""
+    proof = plan.certificate
+    found = {name: proof.worst(name)[0] for name in plan.limits.names if name not in proof.enforced}
+    words = [f"{name.replace('_', ' ')} by {100 * (x - 1):.3g} %" for name, x in found.items() if x > 1.0]
+    return f"limits that {plan.law} does not enforce are exceeded: {', '.join(words)}" if words else ""
+
+
+def add_room(plan: Plan) -> Plan:
+    """Return the plan slowed by `ROOM`, or the plan itself if it has a requested tool speed."""
+    if plan.speed is not None:
+        return plan
+    return replace(
+        plan, _trajectory=plan.trajectory.stretched(1.0 + ROOM), stretch_factor=plan.stretch_factor * (1.0 + ROOM)
+    )
+
+
+def make_stops(sent: Plan, every: float, joint_names: JointNames, allow: Allow = ()) -> Stops:
+    """Return the stops from equally spaced instants of a motion; they are computed before it is sent."""
+    found: list[TimedStop] = []
+    reason, took = "", 0.0
+    t = min(every, 0.5 * sent.trajectory.end)
+    while t < sent.trajectory.end - 0.5 * every:
+        since = perf_counter()
+        try:
+            stop = replace(plan_stop_at(sent, t, 1.0 - 0.5 * ROOM, allow), limits=sent.limits)
+            found.append(TimedStop(t, *make_message(stop, joint_names, allow)))
+        except (NoSolution, InvalidInput) as error:
+            reason = reason or f"at t = {t:.6g} s: {error}"
+        last, took = took, perf_counter() - since
+        if last:  # the first one of a process compiles
+            every = max(every, min(last, took) * sent.trajectory.end / PREPARING)
+        t += every
+    return Stops(found, every, reason)
+
+
+# ---------------- a goal of a RosDrive while it runs
+
 
 POLL = 0.01
 """Polling interval of a running goal [s]: half the usual interval of joint states."""
@@ -290,3 +390,54 @@ class RosRun:
             self.motion if sent else None, stream if sent else None,
             t, q, dq, None, q[:count], fault=self.fault, notes=self.notes, events=tuple(self.events.raised),
         )  # fmt: skip
+
+
+# ---------------- a stream on a joint_trajectory_controller
+
+
+SHORTEST_STEP = 1000
+"""Least time between two points of a goal [ns]."""
+
+
+def follow_by_goals(joints: JointStates, options: RosOptions, columns: dict[str, int], stream: Stream) -> StreamRecord:
+    """Send each motion of a stream before it begins; take no more targets if one is refused or the connection is lost."""
+    if stream.budget < options.latency:
+        expected = f"at least the latency of the drive, {options.latency:g} s"
+        raise InvalidInput("budget", f"{stream.budget:g} s", expected)
+    if not stream.realtime:
+        raise InvalidInput("realtime", False, "True: the controller has its own clock")
+    reason, advice = joints.wait_for_rest(options.patience)
+    if reason:
+        raise NoSolution(reason, advice=advice)
+    transport, goals = joints.transport, list[Goal]()
+    first, _, stamp, at = joints.read()
+    before = next(stream)
+    began = stamp + round((time.monotonic() - at) * NANOSECONDS)  # of the stream, on the robot's clock [ns]
+    off = np.abs(first - before.q)
+    if before.dq.any():
+        raise InvalidInput("stream", "one that begins with a motion", "a stream that begins at rest")
+    if not off.max() <= options.start_tolerance:
+        where = f"{joints.robot.joint_names[int(off.argmax())]} is {off.max():.3g} off its start"
+        raise InvalidInput("stream", where, "a stream that begins at the arm's present configuration")
+
+    faults: list[str] = []
+
+    def send(motion: Retargeted, begin: float) -> None:
+        if faults:  # it would begin where a refused motion would have gone
+            return
+        times = np.round(motion.trajectory.knots * NANOSECONDS).astype(np.int64)
+        times = times[np.append(np.diff(times) >= SHORTEST_STEP, True)]
+        message = message_of(motion.trajectory, times, Form("quintic", columns))
+        header = message["header"] | {"stamp": write_time(began + round(begin * NANOSECONDS))}
+        goals.append(transport.send(message | {"header": header}))
+
+    stream.announce, rows = send, [(before.t, before.q, first)]
+    for now in iter(stream.advance, None):
+        rows.append((now.t, now.q, joints.read().q))
+        k = next((k for k, goal in enumerate(goals) if goal.refused), None)
+        if (transport.lost or k is not None) and not faults:
+            faults.append(transport.lost or f"the controller refused a motion: {goals[k or 0].refused}")
+            stream.stop()
+            for goal in goals[k + 1 :] if k is not None else ():
+                transport.cancel(goal)
+    return make_record(rows, stream, "; ".join(faults))

@@ -17,15 +17,23 @@ from optik.check import check_count, real_array
 from optik.errors import InvalidInput
 from optik.types import Array, Flags
 from planners.cell.drives import _checks
-from planners.cell.drives._run import Commands, DriveRun, Steps, interpolate
-from planners.cell.drives._stop import refuse, resume_execution
-from planners.cell.drives._stream_record import StreamRecord, make_record
-from planners.cell.drives.base import Drive, Execution, Moment, StopRequest, Watcher
-from planners.cell.drives.options import make_options
-from planners.cell.drives.setpoints import Setpoints, fit_periods, make_setpoints
+from planners.cell.drives._run import Commands, DriveRun, Steps, interpolate_setpoints, refuse, resume_execution
+from planners.cell.drives.base import (
+    Drive,
+    Execution,
+    Moment,
+    Setpoints,
+    StopRequest,
+    StreamRecord,
+    Watcher,
+    fit_periods,
+    make_options,
+    make_record,
+    make_setpoints,
+)
 from planners.certificate.violation import Allow, check_allow
 from planners.plan import Plan
-from planners.retarget.stream import Stream
+from planners.streams.stream import Stream
 
 BRAKING = 10.0
 """Largest time in which the brakes must bring the arm to rest [s]."""
@@ -48,7 +56,7 @@ class SimulatedDrive(Drive):
     seed : int
         Seed of the encoder noise.
     **others
-        Options of `planners.cell.drives.options.make_options`.
+        Options of `planners.cell.drives.base.make_options`.
 
     Raises
     ------
@@ -170,7 +178,7 @@ class SimulatedDrive(Drive):
             pair = (np.stack(two) for two in zip(before[1:4], now[1:4], strict=True))
             periods = round((now.t - before.t) / self.period)  # more than one if the loop missed a tick
             both = Setpoints(now.t - before.t, np.zeros(2), *pair)
-            step = interpolate(both, 0, self.steps * periods, self.options.hold)
+            step = interpolate_setpoints(both, 0, self.steps * periods, self.options.hold)
             for k in range(0, self.steps * periods, self.steps):
                 self._advance(Commands(*(x[k : k + self.steps + 1] for x in step)), self._find_blocked())
             rows.append((now.t, now.q, self.measure()))
@@ -200,12 +208,12 @@ class SimulatedDrive(Drive):
                 watch(Moment(t, run.stream.q[min(k, run.last)].copy(), reading.copy(), self._actual().copy(), events))
             if k >= run.last + self._held_ticks() and self._comes_to_rest(run, k, reading):
                 break
-            _checks.judge(run, k, reading, self.options, self.robot)
+            _checks.check_encoders(run, k, reading, self.options, self.robot)
             self._stuck = run.stuck
             if not run.stopping and stop_test(t):
                 run.requested = True
                 run.stop_at(k + self.options.ahead)
-            now = interpolate(run.stream, k, self.steps, self.options.hold)
+            now = interpolate_setpoints(run.stream, k, self.steps, self.options.hold)
             run.record(t, now.t[1:], self._advance(now, self._find_blocked()))
             k += 1
         run.extend(k)

@@ -1,26 +1,278 @@
-"""Drive, the base class that executes certified plans on a simulated or real arm; Execution, the record of the motion."""
+"""Drive, the base class that executes certified plans on a simulated or real arm; its set-points, options and records."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
+from math import ceil, pi
 from typing import ClassVar, NamedTuple
 
 import numpy as np
+import scipy
+from numpy.typing import ArrayLike
 
 from optik.arm.robot import Robot
+from optik.check import check_count, check_flag, check_number, real_array
 from optik.errors import InvalidInput
 from optik.registry import ClassName
 from optik.types import Array
-from planners.cell.drives._stream_record import StreamRecord
-from planners.cell.drives.setpoints import Setpoints
 from planners.certificate.violation import Allow
-from planners.motion.event import Event
-from planners.plan import Plan
-from planners.retarget.stream import Stream
+from planners.following.follow import PlanFailure
+from planners.motion import Motion
+from planners.motion.motion import Event
+from planners.plan import Plan, PlanStatus
+from planners.streams.stream import Stream, StreamReport
 from planners.trajectory import Trajectory
+from planners.trajectory.trajectory import SAME_INSTANT, sample_states
+
+# ---------------- set-points
+
+
+PERIOD = 0.004
+"""Default servo period [s]: 250 set-points per second, as for many controllers of arms."""
+
+MOST_PERIODS = 500_000
+"""Largest number of periods of a motion: half an hour at 4 ms, for which a simulated arm stores half a gigabyte."""
+
+
+class Setpoints(NamedTuple):
+    """The set-points of a motion: row k is its state at k periods, the last row its end.
+
+    Attributes
+    ----------
+    period : float
+        Servo period [s].
+    t : (k,) array
+        Times of the ticks, from 0 to the first tick that is not before the motion's end [s].
+    q, dq, ddq : (k, n) arrays
+        Positions [rad, m], velocities [rad/s, m/s] and accelerations [rad/s², m/s²].
+    """
+
+    period: float
+    t: Array
+    q: Array
+    dq: Array
+    ddq: Array
+
+
+def fit_periods(plan: Plan, period: float = PERIOD) -> Plan:
+    """Slow a plan uniformly to a whole number of the servo's periods, and certify it again.
+
+    Its last set-point is then exactly its end. A plan with constant tool speed or a moving start is not stretched. Its last
+    set-point is held to the end of the period.
+
+    Parameters
+    ----------
+    plan : Plan
+        A plan with a motion.
+    period : float
+        Servo period [s].
+
+    Returns
+    -------
+    Plan
+        The plan with a duration of n · period; the factor is `Plan.stretch_factor`.
+
+    Raises
+    ------
+    NoSolution
+        A plan without a motion.
+    InvalidInput
+        A period that is not above 0, or longer than the motion.
+    """
+    motion, proof = plan.trajectory, plan.certificate
+    duration = count_periods(motion, period) * period
+    if plan.speed is not None or not proof.rest[0] or motion.end == duration:
+        return plan
+    return stretch_to_duration(plan, duration)
+
+
+def stretch_to_duration(plan: Plan, duration: float) -> Plan:
+    """Return a plan that begins at rest, slowed uniformly to a duration and certified again."""
+    motion, proof = plan.trajectory, plan.certificate
+    stretched = motion.stretched(
+        max(duration / motion.duration, 1.0)
+    )  # the last piece is shortened by the rounding error
+    knots = stretched.knots.copy()
+    knots[-1] = duration
+    moved = replace(plan.motion, trajectory=Trajectory(scipy.interpolate.PPoly(stretched.coefficients, knots)))
+    again = moved.certify(rate=proof.rate)
+    slower = replace(
+        plan,
+        _trajectory=moved.trajectory,
+        _certificate=again,
+        stretch_factor=plan.stretch_factor * duration / motion.duration,
+    )
+    if not plan or again.is_valid:
+        return slower
+    why = f"the certificate of the motion slowed to {duration:.9g} s is not valid: {'; '.join(again.reasons)}"
+    failure = PlanFailure(PlanStatus.NOT_PROVED, plan.joint_path.end, None, why, "another period")
+    return replace(slower, status=PlanStatus.NOT_PROVED, failure=failure)
+
+
+def make_setpoints(motion: Trajectory | Motion | Plan, period: float = PERIOD) -> Setpoints:
+    """Return the set-points of a motion: row k is its state at k periods, or at its end.
+
+    Parameters
+    ----------
+    motion : Trajectory, Motion or Plan
+        The executed motion.
+    period : float
+        Servo period [s].
+
+    Returns
+    -------
+    Setpoints
+        At t = 0, period, … up to the first tick that is not before the motion's end. At a jump of the acceleration, the
+        mean of both sides.
+
+    Raises
+    ------
+    NoSolution
+        A plan without a motion.
+    InvalidInput
+        A period that is not above 0, or longer than the motion.
+    """
+    trajectory = motion if isinstance(motion, Trajectory) else motion.trajectory
+    t: Array = np.arange(count_periods(trajectory, period) + 1, dtype=np.float64) * period
+    return Setpoints(period, t, *sample_states(trajectory, np.minimum(t, trajectory.end)))
+
+
+def count_periods(motion: Trajectory, period: float) -> int:
+    """Return the number of periods of a motion; a nanosecond more than a whole number is rounding."""
+    period = check_number(period, "period", "seconds above 0", above=0.0)
+    if motion.end < period - SAME_INSTANT:
+        raise InvalidInput("period", f"{period:.6g} s", f"at most the duration of the motion, {motion.end:.6g} s")
+    if motion.end > MOST_PERIODS * period:
+        came = f"{period:.6g} s, for a motion of {motion.end:.6g} s"
+        raise InvalidInput("period", came, f"at most {MOST_PERIODS:,} periods: a longer period, or higher limits")
+    return max(ceil((motion.end - SAME_INSTANT) / period), 1)
+
+
+# ---------------- options of all simulated drives
+
+
+ENCODER = 2.0**20
+"""Default counts per turn of an encoder: the 20 bits of common absolute encoders behind the gear."""
+SCALE = 1e-6
+"""Default resolution of a prismatic joint's encoder [m]: that of a linear scale."""
+FOLLOWING = (0.05, 0.005)
+"""Default of the largest difference of set-point and reading [rad, m]: far above the lag of a working servo, far below the
+error of a blocked joint after a quarter of a second."""
+START_AWAY = (1e-3, 1e-4)
+"""Default tolerance on the start of a plan [rad, m]. A servo without integral action has this error under gravity."""
+END_AWAY = (5e-3, 5e-4)
+"""Default of the largest difference of set-point and reading at rest [rad, m]: several times the error of a servo without
+integral action under gravity."""
+HELD_AHEAD = 10
+"""Default number of set-points that are sent ahead: 40 ms at 4 ms, more than the usual delays of an operating system without
+real-time scheduling."""
+
+
+class Options(NamedTuple):
+    """The options of a simulated drive; arrays (n,) are by joint [rad, m]."""
+
+    period: float  # of the servo [s]
+    ahead: int  # number of set-points that the drive has beyond the present one
+    hold: bool  # whether set-points are held for a period instead of interpolated
+    resolution: Array  # of the encoders; 0 for an exact one
+    noise: float  # standard deviation of the readings [rad, m]
+    following: Array  # largest difference of set-point and reading during the motion
+    start: Array  # largest difference of reading and a plan's start
+    end: Array  # largest difference of set-point and reading at rest
+    pace: float | None  # seconds of the motion per second of real time [1]; None for as fast as possible
+
+
+def make_options(
+    robot: Robot, *, period: float = PERIOD, ahead: int = HELD_AHEAD, hold: bool = False,
+    encoder: float | ArrayLike = ENCODER, encoder_noise: float = 0.0,
+    following: ArrayLike | None = None, start_tolerance: ArrayLike | None = None,
+    end_tolerance: ArrayLike | None = None, pace: float | None = None,
+) -> Options:  # fmt: skip
+    """Return the checked options of a simulated drive."""
+    period = check_number(period, "period", "seconds above 0", above=0.0)
+    check_count(ahead, "ahead", 1)
+    noise = check_number(encoder_noise, "encoder_noise", "a standard deviation, at least 0", least=0.0)
+    if pace is not None:
+        pace = check_number(pace, "pace", "a number above 0, or None", above=0.0)
+    return Options(
+        period, ahead, check_flag(hold, "hold"), _resolution(robot, encoder), noise,
+        _by_joint(robot, following, FOLLOWING, "following"),
+        _by_joint(robot, start_tolerance, START_AWAY, "start_tolerance"),
+        _by_joint(robot, end_tolerance, END_AWAY, "end_tolerance"),
+        pace,
+    )  # fmt: skip
+
+
+def _by_joint(robot: Robot, value: ArrayLike | None, default: tuple[float, float], argument: str) -> Array:
+    """Return one number above 0 for each joint [rad, m]."""
+    if value is None:
+        return np.where(robot.prismatic, default[1], default[0])
+    return np.broadcast_to(check_positive_options(robot, value, argument, "a number above 0"), (robot.n,)).copy()
+
+
+def check_positive_options(robot: Robot, value: ArrayLike, argument: str, wanted: str) -> Array:
+    """Return a number above 0, or one for each joint, as an array () or (n,)."""
+    wanted = f"{wanted}, or {robot.n} of them"
+    array = real_array(value, argument, wanted)
+    if array.shape not in ((), (robot.n,)) or not (array > 0.0).all():
+        raise InvalidInput(argument, repr(value)[:60], wanted)
+    return array
+
+
+def _resolution(robot: Robot, encoder: ArrayLike) -> Array:
+    """Return the resolution of each encoder [rad, m]."""
+    array = check_positive_options(robot, encoder, "encoder", "a number of counts per turn above 0")
+    turn = 2.0 * pi / array
+    if array.shape == ():
+        return np.where(robot.prismatic, SCALE if np.isfinite(array) else 0.0, turn)
+    return np.where(robot.prismatic, np.where(np.isfinite(array), array, 0.0), turn)
+
+
+# ---------------- streamRecord
+
+
+class StreamRecord(NamedTuple):
+    """The record of a stream on a drive; it is true if nothing stopped the stream.
+
+    Attributes
+    ----------
+    t : (k,) array
+        Times of the set-points [s].
+    setpoints, q : (k, n) arrays
+        The set-points, and the measured positions at their times [rad, m].
+    report : StreamReport
+        What the stream did.
+    fault : str
+        Why the stream was stopped, for example an exception of its source; empty if it was not stopped.
+    """
+
+    t: Array
+    setpoints: Array
+    q: Array
+    report: StreamReport
+    fault: str = ""
+
+    def __bool__(self) -> bool:
+        return not self.fault
+
+    @property
+    def error(self) -> Array:
+        """Largest distance of each joint from its set-points (n,) [rad, m]."""
+        return np.asarray(np.abs(self.q - self.setpoints).max(axis=0))
+
+
+def make_record(rows: list[tuple[float, Array, Array]], stream: Stream, fault: str) -> StreamRecord:
+    """Return the record of a stream; its fault is that of the arm, or else the exception of the source."""
+    t, setpoints, q = (np.array(x) for x in zip(*rows, strict=True))
+    if not fault and (error := stream.error):
+        fault = f"{type(error).__name__}: {error}"
+    return StreamRecord(t, setpoints, q, stream.report(), fault)
+
+
+# ---------------- drive
 
 
 class ExecutionStatus(StrEnum):

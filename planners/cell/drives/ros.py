@@ -12,23 +12,29 @@ from optik.check import check_flag, check_number
 from optik.errors import InvalidInput, NoSolution
 from optik.types import Array
 from planners.cell.drives._checks import START_ADVICE, check_plan, describe_start, find_violation, make_stop_test
-from planners.cell.drives._ros_goals import Stops, add_room, describe_exceeded, make_message, make_stops, motor_motion
-from planners.cell.drives._ros_run import RosOptions, RosRun
-from planners.cell.drives._ros_stream import follow_by_goals
-from planners.cell.drives._stop import check_stopped, refuse, relax
-from planners.cell.drives._stream_record import StreamRecord
-from planners.cell.drives.base import Drive, Execution, ExecutionStatus, StopRequest, Watcher
-from planners.cell.drives.setpoints import PERIOD
+from planners.cell.drives._ros_run import (
+    RosOptions,
+    RosRun,
+    Stops,
+    add_room,
+    describe_exceeded,
+    follow_by_goals,
+    make_message,
+    make_stops,
+    motor_motion,
+)
+from planners.cell.drives._run import check_stopped, refuse, without_permitted
+from planners.cell.drives.base import PERIOD, Drive, Execution, ExecutionStatus, StopRequest, StreamRecord, Watcher
 from planners.certificate.violation import Allow
 from planners.following.failure import joint_unit
 from planners.following.joint_path import find_nearest_s
 from planners.plan import Plan
-from planners.program.result import ProgramPlan
+from planners.program.planner import ProgramPlan
 from planners.replan import replan
-from planners.retarget.stream import Stream
 from planners.ros.export import JointNames, find_columns
 from planners.ros.monitor import JointStates
 from planners.ros.transport import Transport
+from planners.streams.stream import Stream
 
 STATE_AGE = 0.5
 """Default of the largest age of a joint state [s]: 25 messages of a broadcaster at 50 Hz."""
@@ -169,7 +175,7 @@ class RosDrive(Drive):
             return refuse(self, plan, reason, "nothing to do: the goal is reached")
         still = np.zeros(self.robot.n)
         running = execution.stop_plan if isinstance(execution.stop_plan, ProgramPlan) else plan  # it knows its section
-        onward = replan(relax(running, allow), (joints(s), still, still))
+        onward = replan(without_permitted(running, allow), (joints(s), still, still))
         onward = replace(onward, scene=plan.scene)
         return self.execute(onward, stop=stop, watch=watch, allow=allow)
 

@@ -11,8 +11,7 @@ import numpy as np
 from optik import se3
 from optik.types import Array
 from planners.following.failure import ASKED, FollowStatus, PlanFailure
-from planners.following.resolve.graph import Graph, Sequence
-from planners.following.resolve.nodes import MOST_WORK, Sampler
+from planners.following.resolve.graph import MOST_WORK, Graph, Sampler, Sequence
 from planners.paths.base import Path
 
 PER_METRE, PER_RADIAN, DENSE = 1.0 / 0.05, 1.0 / 0.15, 2000

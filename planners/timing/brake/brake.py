@@ -24,10 +24,10 @@ from planners.timing.brake.rows import (
     NO_BOUND,
     Cells,
     RunningMotion,
-    bound_at,
     cells_of,
-    derivatives_at,
+    evaluate_quintics,
     find_viable,
+    interpolate_least,
     jerks_at,
     lines_at,
     piece_at,
@@ -188,7 +188,7 @@ def _step(
             break
         c = _cell(cells.x, x1, i)
         part = _part(cells.x, x1, c)
-        need = (1.0 - part) * bound_at(least, c, w1, top) + part * bound_at(least, c + 1, w1, top)
+        need = (1.0 - part) * interpolate_least(least, c, w1, top) + part * interpolate_least(least, c + 1, w1, top)
         _, _, n = lines_at(cells, c, part, w1, share, jerk, line)
         j1, j2 = jerks_at(line, n, b + h * j)
         softest = max(low, j1)
@@ -359,7 +359,7 @@ def _braking(running: Trajectory, start: float, swept: Array) -> tuple[Trajector
     every = np.concatenate([x[:-1], x[1:], inner.ravel()])
     piece = piece_at(running.knots, start + every)
     piece[k : 2 * k] = piece_at(running.knots, start + x[1:] - 1e-9 * np.diff(x))  # one-sided values where q̈ jumps
-    q, q1, q2, _ = derivatives_at(running.padded, piece, start - running.knots[piece] + every)
+    q, q1, q2, _ = evaluate_quintics(running.padded, piece, start - running.knots[piece] + every)
     first = apply_chain_rule((q1[:k], q2[:k]), (w[:-1], b[:-1]))
     last = apply_chain_rule((q1[k : 2 * k], q2[k : 2 * k]), (w[1:], b[1:]))
     moved = np.einsum("k,kin,i->kn", np.diff(x), q1[2 * k :].reshape(*inner.shape, -1), 0.5 * weights)

@@ -105,7 +105,7 @@ def cells_of(
     at = MotionPoints(
         motion,  # type: ignore[arg-type]  # no path: the points have the twists
         t + ends,
-        derivatives_at(motion.trajectory.padded, piece, t - knots[piece] + ends),
+        evaluate_quintics(motion.trajectory.padded, piece, t - knots[piece] + ends),
     )
     bounds, rows = limits.bounds(motion.robot.n), {2: [np.empty((ends.size, 0, 4))], 3: [np.empty((ends.size, 0, 6))]}
     centres = [np.empty(0)]
@@ -140,7 +140,7 @@ def piece_at(knots: Array, t: Array) -> Indices:
     return np.clip(np.searchsorted(knots, t, side="right") - 1, 0, knots.size - 2)
 
 
-def derivatives_at(c: Array, piece: Indices, u: Array) -> Array:
+def evaluate_quintics(c: Array, piece: Indices, u: Array) -> Array:
     """Return q and its derivatives (4, k, n) at times u (k,) after the first knots of pieces of quintics (6, m, n)."""
     out = np.empty((4, u.size, c.shape[2]))
     _evaluate(c, piece, u, out)
@@ -287,11 +287,11 @@ def _onward(cells: Cells, i: int, w: float, b: float, line: Array, n: int, top: 
     h = 2.0 * d / (w + after)
     then = b + high * h
     after = min(max(w + 0.5 * (b + min(then, 0.0)) * h, 0.1 * w), top)
-    return bool(then >= bound_at(least, i + 1, after, top))
+    return bool(then >= interpolate_least(least, i + 1, after, top))
 
 
 @compiled
-def bound_at(least: Array, i: int, w: float, top: float) -> float:
+def interpolate_least(least: Array, i: int, w: float, top: float) -> float:
     """Return the least b at a cell's end, interpolated over the rate; near rate 0 it is proportional to the square root."""
     r = w / top * CLOCK_RATES
     if r <= 1.0:

@@ -20,8 +20,16 @@ import numpy as np
 from optik.compiled import compiled, inlined
 from optik.linear import copy_matrix
 from optik.types import Array
-from planners.timing.interior_point.border import Border, product
-from planners.timing.interior_point.newton import Iterate, Problem, back, edge_slope, forth, rows_of
+from planners.timing.interior_point.newton import (
+    Border,
+    Iterate,
+    Problem,
+    active_range,
+    back,
+    edge_slope,
+    forth,
+    product,
+)
 
 MET = 1e-5
 """Accepted residual of the dynamics of an interval, over its length."""
@@ -100,7 +108,7 @@ def lengths(
     primal, dual, keep = 1.0, 1.0, max(0.99, 1.0 - mu)
     for k in range(K + 1):
         weight = mu * problem.tau[min(k, K - 1)]
-        low, high = rows_of(k, problem, border)
+        low, high = active_range(k, problem, border)
         for side in range(2):
             sign = 1.0 - 2.0 * side
             for i in range(low, high):
@@ -139,7 +147,7 @@ def merit(
             if k > 0:
                 objective -= weight * log(z[k, 0] * (problem.top[k] - z[k, 0]))
         together = 1.0  # one logarithm for several slacks
-        low, high = rows_of(k, problem, border)
+        low, high = active_range(k, problem, border)
         for i in range(low, high):
             above, below = slack[k, 0, i], slack[k, 1, i]
             together *= above * below
@@ -232,7 +240,7 @@ def gap_of(problem: Problem, at: Iterate, border: Border | None) -> float:
     K = problem.ds.shape[0]
     gap = 0.0
     for k in range(K + 1):
-        low, high = rows_of(k, problem, border)
+        low, high = active_range(k, problem, border)
         for side in range(2):
             for i in range(low, high):
                 gap += at.slack[k, side, i] * at.dual[k, side, i]
@@ -262,7 +270,7 @@ def make_iterate(K: int, rows: int) -> Iterate:
 
 
 @compiled
-def solve(problem: Problem, z: Array, mu: float, least: float, most: int, at: Iterate) -> int:
+def solve_barrier(problem: Problem, z: Array, mu: float, least: float, most: int, at: Iterate) -> int:
     """Optimise z in place, with its first state and the problem's goal fixed; return the number of iterations, or −1.
 
     The last iterate, with its multipliers, is left in ``at``. Shapes and units: z (K + 1, 4) [as the problem].

@@ -1,8 +1,8 @@
-"""Newton step of the barrier problem: linear-quadratic over the stages, solved by two sweeps; compiled.
+"""Newton step of the barrier problem, with or without coefficients of a free path: linear-quadratic over stages.
 
 The backward sweep computes the cost to go (Riccati); the sign of every pivot shows whether the step is a descent direction. The
 forward sweep computes the step, and the multipliers of the dynamics. The coefficients of a free path border the stages
-(`planners.timing.interior_point.border`); without them the argument is None, and Numba leaves these branches out.
+(`planners.timing.interior_point.newton`); without them the argument is None, and Numba leaves these branches out.
 """
 
 from __future__ import annotations
@@ -12,9 +12,188 @@ from typing import NamedTuple
 import numpy as np
 
 from optik.compiled import compiled, inlined
-from optik.types import Array
-from planners.timing.interior_point import border as borders
-from planners.timing.interior_point.border import Border
+from optik.types import Array, Indices
+
+# ---------------- coefficients p of a free path in the Newton step
+
+
+FLAT_CURVATURE = 1e-12
+"""Least curvature of the model in a coefficient: below it is rounding error."""
+
+
+class Border(NamedTuple):
+    """Derivatives in the coefficients p (P,), and the workspace of the sweeps; W is the width of the window.
+
+    columns (K + 1, m + 2 e, W) are the derivatives of the limited values of each stage, cross (K, 5, W) those of their sum
+    weighted by multipliers in p and v, a, j, v⁺, a⁺; the squares of bends (K + 1, r, W) are curvature in p alone; begin (K +
+    1,) is the window's first coefficient, stay (K + 1,) the first one that is eliminated at the stage; own (P, D) are the
+    Hessian and pull (P,) the gradient of the coefficients' own limits, D adjacent ones together; d (P,) is the step. The
+    other fields are workspace.
+    """
+
+    columns: Array
+    cross: Array
+    bends: Array
+    begin: Indices
+    stay: Indices
+    own: Array
+    pull: Array
+    d: Array
+    mixed: Array  # (6, W) over v, a, τ, j, v⁺, a⁺ and the window
+    square: Array  # (W, W) Π, lower half
+    slope: Array  # (W,)
+    law: Array  # (K, W) feedback of the free one of τ and j
+    pivots: Array  # (K, W) row of the model for the other one
+    mixed_cost: Array  # (K + 1, 2, W) S
+    gains: Array  # (P, 3 + W) feedback of each coefficient
+
+
+def make_border(columns: Array, cross: Array, bends: Array, begin: Indices, stay: Indices, own: Array) -> Border:
+    """Return a border with its workspace."""
+    K, W, P = len(begin) - 1, columns.shape[2], len(own)
+    return Border(
+        columns, cross, bends, begin, stay, own, np.zeros(P), np.zeros(P), np.zeros((6, W)), np.zeros((W, W)), np.zeros(W),
+        np.zeros((K, W)), np.zeros((K, W)), np.zeros((K + 1, 2, W)), np.zeros((P, 3 + W)),
+    )  # fmt: skip
+
+
+@inlined
+def clear(border: Border, K: int) -> None:
+    """Begin the backward sweep."""
+    border.square[:] = 0.0
+    border.slope[:] = 0.0
+    border.mixed_cost[K] = 0.0
+
+
+@inlined
+def add_to_border(border: Border, column: Array, weight: float, pull: float) -> None:
+    """Add weight · ∇c ∇cᵀ and pull · ∇c of a limited value to the model of the coefficients."""
+    square, slope = border.square, border.slope
+    for i in range(column.shape[0]):
+        if column[i] != 0.0:
+            slope[i] += pull * column[i]
+            x = weight * column[i]
+            for j in range(i + 1):
+                square[i, j] += x * column[j]
+
+
+@inlined
+def mix(border: Border, column: Array, x: tuple[float, float, float, float, float]) -> None:
+    """Add the products of a value's derivatives in the coefficients and in v, a, j, v⁺ and a⁺, which are weighted already."""
+    mixed = border.mixed
+    for i in range(column.shape[0]):
+        y = column[i]
+        mixed[0, i] += x[0] * y
+        mixed[1, i] += x[1] * y
+        mixed[3, i] += x[2] * y
+        mixed[4, i] += x[3] * y
+        mixed[5, i] += x[4] * y
+
+
+@compiled
+def shift(k: int, border: Border) -> None:
+    """Move the model from the window of stage k + 1 to that of stage k."""
+    square, slope, offset = border.square, border.slope, border.begin[k + 1] - border.begin[k]
+    if offset == 0:
+        return
+    for i in range(slope.shape[0] - 1, -1, -1):
+        slope[i] = slope[i - offset] if i >= offset else 0.0
+        for j in range(i, -1, -1):
+            square[i, j] = square[i - offset, j - offset] if j >= offset else 0.0
+
+
+@compiled
+def fold(k: int, z: Array, g: Array, row: Array, pivot: int, border: Border) -> None:
+    """Eliminate v⁺ and a⁺ from the mixed part by the dynamics, and one of τ and j by s⁺; rows 0, 1 and 2 remain."""
+    mixed, slope, after = border.mixed, border.slope, border.mixed_cost[k + 1]
+    a, tau, j = z[1], z[2], z[3]
+    offset, free, fixed = border.begin[k + 1] - border.begin[k], 5 - pivot, -g[0] / row[pivot]
+    for i in range(slope.shape[0]):
+        x, y = mixed[4, i], mixed[5, i]
+        if i >= offset:
+            x += after[0, i - offset]
+            y += after[1, i - offset]
+        slope[i] += x * g[1] + y * g[2]
+        mixed[0, i] += x
+        mixed[1, i] += tau * x + y
+        mixed[2, i] += (a + j * tau) * x + j * y
+        mixed[3, i] += 0.5 * tau * tau * x + tau * y
+        p = mixed[pivot, i]
+        border.pivots[k, i] = p
+        slope[i] += fixed * p
+        mixed[0, i] -= row[0] / row[pivot] * p
+        mixed[1, i] -= row[1] / row[pivot] * p
+        mixed[2, i] = mixed[free, i] - row[free] / row[pivot] * p
+
+
+@compiled
+def eliminate(k: int, R: Array, r: float, delta: float, cost: Array, border: Border) -> bool:
+    """Eliminate the free control of stage k, then the coefficients that occur in no earlier stage.
+
+    R (3, 3) is the model over v, a and the control, r its slope in the control, cost (5,) the cost to go, which is updated.
+    """
+    mixed, square, slope, begin = border.mixed, border.square, border.slope, border.begin[k]
+    S, W, D = border.mixed_cost[k], border.slope.shape[0], border.own.shape[1]
+    for i in range(W):
+        x = -mixed[2, i] / R[2, 2]
+        border.law[k, i] = x
+        S[0, i], S[1, i] = mixed[0, i] + R[0, 2] * x, mixed[1, i] + R[1, 2] * x
+        slope[i] += x * r
+        for j in range(i + 1):
+            square[i, j] += x * mixed[2, j]
+    for c in range(border.stay[k], border.stay[k + 1]):
+        i, group = c - begin, c - c % D
+        slope[i] += border.pull[c]
+        square[i, i] += delta
+        for j in range(c % D + 1):
+            square[i, group + j - begin] += border.own[c, j]
+    for c in range(border.stay[k + 1] - 1, border.stay[k] - 1, -1):
+        i, gain = c - begin, border.gains[c]
+        if not square[i, i] > FLAT_CURVATURE:
+            return False
+        gain[0], gain[1], gain[2] = -S[0, i] / square[i, i], -S[1, i] / square[i, i], -slope[i] / square[i, i]
+        cost[0] += gain[0] * S[0, i]
+        cost[1] += gain[0] * S[1, i]
+        cost[2] += gain[1] * S[1, i]
+        cost[3] += gain[0] * slope[i]
+        cost[4] += gain[1] * slope[i]
+        for j in range(i):
+            x = -square[i, j] / square[i, i]
+            gain[3 + j] = x
+            S[0, j] += x * S[0, i]
+            S[1, j] += x * S[1, i]
+            slope[j] += x * slope[i]
+            for h in range(j + 1):
+                square[j, h] += x * square[i, h]
+        S[0, i], S[1, i], slope[i] = 0.0, 0.0, 0.0
+        for j in range(i + 1):
+            square[i, j] = 0.0
+    return True
+
+
+@compiled
+def step_coefficients(k: int, x: float, y: float, border: Border) -> None:
+    """Compute the step of the coefficients that stage k eliminated, from that of v, a and of the earlier coefficients."""
+    begin = border.begin[k]
+    for c in range(border.stay[k], border.stay[k + 1]):
+        gain = border.gains[c]
+        d = gain[0] * x + gain[1] * y + gain[2]
+        for j in range(c - begin):
+            d += gain[3 + j] * border.d[begin + j]
+        border.d[c] = d
+
+
+@inlined
+def product(border: Border, row: Array, k: int) -> float:
+    """Return the product of a row over the window of stage k with the step."""
+    begin, total = border.begin[k], 0.0
+    for i in range(min(row.shape[0], border.d.shape[0] - begin)):
+        total += row[i] * border.d[begin + i]
+    return total
+
+
+# ---------------- newton step of the barrier problem
+
 
 TERMINAL = 1e4
 """Weight of the state at the end in the sweep, in the units of the last interval; its multiplier removes the remaining error.
@@ -64,7 +243,7 @@ class Iterate(NamedTuple):
 
 
 @inlined
-def rows_of(k: int, problem: Problem, border: Border | None) -> tuple[int, int]:
+def active_range(k: int, problem: Problem, border: Border | None) -> tuple[int, int]:
     """Return the range of the active limits of a stage: at the first and the last state, which are given, only those of p."""
     m, K = problem.node.shape[1], problem.ds.shape[0]
     if border is None:
@@ -201,7 +380,7 @@ def back(
         pivot = _place_row(z[k], row)  # s⁺ is fixed: one of τ and j follows from the others
         free = 5 - pivot
         if border is not None:
-            borders.fold(k, z[k], at.g[k], row, pivot, border)
+            fold(k, z[k], at.g[k], row, pivot, border)
         N[0], N[1], N[2] = -row[0] / row[pivot], -row[1] / row[pivot], -row[free] / row[pivot]
         for i in range(4):
             q[i] -= Q[i, pivot] * at.g[k, 0] / row[pivot]
@@ -221,7 +400,7 @@ def back(
         cost[k, 0], cost[k, 1] = R[0, 0] + R[0, 2] * law[k, 0], R[0, 1] + R[0, 2] * law[k, 1]
         cost[k, 2] = R[1, 1] + R[1, 2] * law[k, 1]
         cost[k, 3], cost[k, 4] = r[0] + R[0, 2] * law[k, 2], r[1] + R[1, 2] * law[k, 2]
-        if border is not None and not borders.eliminate(k, R, r[2], delta, cost[k], border):
+        if border is not None and not eliminate(k, R, r[2], delta, cost[k], border):
             return False
     return True
 
@@ -230,10 +409,10 @@ def back(
 def _end(problem: Problem, at: Iterate, mu: float, border: Border) -> None:
     """Compute the model of the coefficients at the last grid point: limits that depend on the path alone."""
     K, m = problem.ds.shape[0], problem.node.shape[1]
-    borders.clear(border, at.z.shape[0] - 1)
+    clear(border, at.z.shape[0] - 1)
     for i in range(m):
         weight, pull, _y = pull_of(at, K, i, mu * problem.tau[K - 1])
-        borders.add(border, border.columns[K, i], weight, pull)
+        add_to_border(border, border.columns[K, i], weight, pull)
 
 
 @compiled
@@ -243,30 +422,30 @@ def _border_stage(k: int, problem: Problem, at: Iterate, mu: float, border: Bord
     n, e = node.shape[1], edge.shape[2]
     v, a, w, b = z[k, 0], z[k, 1], z[k + 1, 0], z[k + 1, 1]
     mu *= problem.tau[k]
-    borders.shift(k, border)
+    shift(k, border)
     mixed = border.mixed
     for i in range(mixed.shape[1]):
         mixed[0, i], mixed[1, i], mixed[3, i] = border.cross[k, 0, i], border.cross[k, 1, i], border.cross[k, 2, i]
         mixed[2, i], mixed[4, i], mixed[5, i] = 0.0, border.cross[k, 3, i], border.cross[k, 4, i]
     for i in range(border.bends.shape[1]):
-        borders.add(border, border.bends[k, i], 1.0, 0.0)
+        add_to_border(border, border.bends[k, i], 1.0, 0.0)
     for i in range(n):
         weight, pull, _y = pull_of(at, k, i, mu)
-        borders.add(border, columns[k, i], weight, pull)
+        add_to_border(border, columns[k, i], weight, pull)
         if k > 0:
             x = 2.0 * node[k, i, 1] * v + node[k, i, 2]
-            borders.mix(border, columns[k, i], (weight * x, weight * node[k, i, 0], 0.0, 0.0, 0.0))
+            mix(border, columns[k, i], (weight * x, weight * node[k, i, 0], 0.0, 0.0, 0.0))
     for i in range(e):
         for end in range(2):
             at_row = n + end * e + i
             weight, pull, _y = pull_of(at, k, at_row, mu)
-            borders.add(border, columns[k, at_row], weight, pull)
+            add_to_border(border, columns[k, at_row], weight, pull)
             p = weight * edge[k, end, i, 0]
             x, r = edge_slope(edge, k, end, i, w if end else v, b if end else a)
             if end:
-                borders.mix(border, columns[k, at_row], (0.0, 0.0, p, weight * x, weight * r))
+                mix(border, columns[k, at_row], (0.0, 0.0, p, weight * x, weight * r))
             else:
-                borders.mix(border, columns[k, at_row], (weight * x, weight * r, p, 0.0, 0.0))
+                mix(border, columns[k, at_row], (weight * x, weight * r, p, 0.0, 0.0))
 
 
 @compiled
@@ -287,15 +466,15 @@ def forth(
         free = 5 - pivot
         d[k, free] = law[k, 0] * x + law[k, 1] * y + law[k, 2]
         if border is not None:
-            borders.choose(k, x, y, border)
-            d[k, free] += borders.product(border, border.law[k], k)
+            step_coefficients(k, x, y, border)
+            d[k, free] += product(border, border.law[k], k)
         fixed = -g[k, 0] / row[pivot]
         d[k, pivot] = fixed - (row[0] * x + row[1] * y + row[free] * d[k, free]) / row[pivot]
         slope = models[k, pivot, 4]  # it holds the constant part already
         for i in range(4):
             slope += models[k, pivot, i] * (d[k, i] - (fixed if i == pivot else 0.0))
         if border is not None:
-            slope += borders.product(border, border.pivots[k], k)
+            slope += product(border, border.pivots[k], k)
         lam[k, 0] = -slope / row[pivot]
         a, tau, j = z[k, 1], z[k, 2], z[k, 3]
         v_next = x + tau * y + (a + j * tau) * d[k, 2] + 0.5 * tau * tau * d[k, 3] + g[k, 1]
@@ -304,6 +483,6 @@ def forth(
         lam[k, 1] = cost[k + 1, 3] + cost[k + 1, 0] * v_next + cost[k + 1, 1] * a_next
         lam[k, 2] = cost[k + 1, 4] + cost[k + 1, 1] * v_next + cost[k + 1, 2] * a_next
         if border is not None:
-            lam[k, 1] += borders.product(border, border.mixed_cost[k + 1, 0], k + 1)
-            lam[k, 2] += borders.product(border, border.mixed_cost[k + 1, 1], k + 1)
+            lam[k, 1] += product(border, border.mixed_cost[k + 1, 0], k + 1)
+            lam[k, 2] += product(border, border.mixed_cost[k + 1, 1], k + 1)
     lam[K, 0], lam[K, 1], lam[K, 2] = 0.0, lam[K - 1, 1], lam[K - 1, 2]

@@ -13,7 +13,7 @@ from planners.limits import DERIVATIVES, TOOL_SPEEDS, MotionLimits, find_tool_li
 from planners.timing import _sweep
 from planners.timing._sweep import make_graded_grid
 from planners.timing.base import PathState, find_moving, refuse_free_motion, speed_bound
-from planners.timing.interior_point import reach
+from planners.timing.interior_point import rows
 from planners.timing.interior_point.newton import Problem
 from planners.timing.interior_point.rows import Rows, build_rows, derivatives, swept_rows
 from planners.timing.smooth import QUINTIC, least_duration
@@ -78,9 +78,9 @@ def moving_programme(
     with np.errstate(divide="ignore"):
         speed = np.fmin(speed_bound(joint_path, limits, s), (peak / np.abs(q1)).min(axis=1))
         speed = np.fmin(speed, STEADY * np.cbrt(bound["jerk"] / np.abs(q3)).min(axis=1))
-    if not reach.find_fastest(s, q1, q2, speed, usable, first * first, x):
+    if not rows.find_fastest(s, q1, q2, speed, usable, first * first, x):
         return None
-    reach.compute_times(s, x, t)
+    rows.compute_times(s, x, t)
     width = max(ramp, SMOOTHEST * float(t[-1]))
     v, since = np.sqrt(x), 0.0
     if first * width > NO_WAY * (end - begin):  # the filter looks back on a motion that came in at its speed
@@ -112,7 +112,7 @@ def quintic_programme(joint_path: JointPath, limits: MotionLimits, intervals: in
     return build_programme(joint_path, limits, s, v, a, np.full(count, duration / count), units, None)
 
 
-def interpolate(given: TimingProblem, z: Array, u: float) -> Array:
+def interpolate_start(given: TimingProblem, z: Array, u: float) -> Array:
     """Return s, speeds and accelerations at a fraction of the durations of the intervals of a motion.
 
     On the quintics through the motion's own states, so that a start tells as much as a solution does.
@@ -132,7 +132,7 @@ def halve_intervals(given: TimingProblem, z: Array, which: NDArray[np.bool_]) ->
     """Return the programme with some intervals halved in time; its initial guess is a motion of the given programme."""
     length, time = given.units
     i = np.flatnonzero(which)
-    middle, width = interpolate(given, z, 0.5)[:, i], given.s[i + 1] - given.s[i]
+    middle, width = interpolate_start(given, z, 0.5)[:, i], given.s[i + 1] - given.s[i]
     middle[0] = np.clip(middle[0], given.s[i] + 0.01 * width, given.s[i + 1] - 0.01 * width)
     middle[1] = np.maximum(middle[1], 0.0)  # a start: it need not agree
     s, v, a = np.insert(np.stack([given.s, z[:, 0], z[:, 1]]), i + 1, middle, axis=1)
@@ -160,7 +160,7 @@ def _distribute(t: Array, s: Array, v: Array, width: float, since: float, count:
 def _filter(t: Array, s: Array, v: Array, width: float, when: Array) -> Array:
     """Return s, ṡ and s̈ (3, k), at the times `when`, of a motion s(t) smoothed by a box filter (moving mean in time)."""
     out = np.empty((3, when.size))
-    reach.filter_motion(t, s, v, width, when, out)
+    rows.filter_motion(t, s, v, width, when, out)
     return out
 
 
@@ -257,7 +257,7 @@ SAME_NODE = 1e-9
 
 def start(joint_path: JointPath, limits: MotionLimits, intervals: int | None, more: float = 1.0) -> TimingProblem:
     """Return the programme from rest to rest."""
-    along, motion = sweep(joint_path, limits)
+    along, motion = sweep_joint_path(joint_path, limits)
     t, share = motion[0], np.empty(along.s.size)
     jerk = along.jerk[: joint_path.robot.n]  # not those of torque rates, which are counted in other units
     least = min(briefest(jerk), t[-1] / FEWEST)
@@ -280,11 +280,11 @@ def start(joint_path: JointPath, limits: MotionLimits, intervals: int | None, mo
     return build_programme(joint_path, limits, s, v, a, np.diff(when), units, None)
 
 
-def sweep(joint_path: JointPath, limits: MotionLimits) -> tuple[_sweep.Along, Array]:
+def sweep_joint_path(joint_path: JointPath, limits: MotionLimits) -> tuple[_sweep.Along, Array]:
     """Return the path at path parameters (m,), and the motion (4, m) of `_sweep.swept` along it from rest to rest."""
     along = _make_sweep_input(joint_path, limits)
     motion = np.empty((4, along.s.size))
-    _sweep.sweep(
+    _sweep.sweep_path(
         along, _sweep.speed_bounds(along, RAMP_BEND_SHARE, RAMP_TWIST_SHARE), SWEEP_ROUNDS, SWEEP_EXCESS, motion
     )
     return along, motion

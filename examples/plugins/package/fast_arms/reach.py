@@ -10,8 +10,7 @@ import polars as pl
 
 import optik
 from benchmarks.blocks.base import TEXT, WHOLE, Field, Kind
-from benchmarks.blocks.block import Block
-from benchmarks.blocks.columns import Column, median, share
+from benchmarks.blocks.block import Block, Column, median, share
 from benchmarks.blocks.entries import Method
 from benchmarks.settings import LISTED, Count, Entries, Joints, RobotName, Three, key
 

@@ -1,1 +1,0 @@
-"""Base class, solver interface and symbolic model of the CasADi methods."""

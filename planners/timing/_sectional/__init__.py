@@ -1,1 +1,0 @@
-"""Ramps of the speed along s, and sections, for the laws ruckig and constant_speed."""
