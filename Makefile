@@ -8,7 +8,7 @@ export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
 export OPTIK_PEERS ?= $(abspath $(VENV))/peers
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: demo test lint docs tables soak newest mutants kernels wheel clean
+.PHONY: demo test lint docs tables soak soak-part newest on-newest mutants kernels wheel clean
 
 demo: $(VENV)/.core
 	$(BIN)/optik demo --out $(OUT)
@@ -21,9 +21,19 @@ soak: $(VENV)/.dev
 	$(BIN)/python -m pytest -m 'soak or hypothesis' -n auto
 	$(MAKE) newest
 
-# The tests on the newest Python of this machine (3.11 to 3.14); an extra that pip cannot install there is skipped by name.
-NEWEST := $(shell for v in 14 13 12 11; do python3.$$v -c '' 2>/dev/null && echo python3.$$v && break; done)
+# A twelfth of it, the next one with each commit; without the whole history one that the sources choose.
+COMMITS = $(shell test "$$(git rev-parse --is-shallow-repository 2>/dev/null)" = false && git rev-list --count HEAD \
+  || find benchmarks optik planners tests -name '*.py' | sort | xargs cat | cksum | cut -d' ' -f1)
+soak-part: $(VENV)/.dev
+	$(BIN)/python -m pytest -m 'soak or hypothesis' -n auto --durations=10 --part $(COMMITS)/12
+
+# The tests on the newest Python of this machine (3.12 to 3.14); an extra that pip cannot install there is skipped by name.
+NEWEST = $(shell for v in 14 13 12; do \
+  $(BIN)/python -c "import sys; sys.exit(sys.version_info >= (3, $$v))" && python3.$$v -c '' 2>/dev/null && echo python3.$$v && break; done)
 newest: $(VENV)/.dev
+	@$(if $(NEWEST),$(MAKE) on-newest NEWEST=$(NEWEST),echo "skipped: no Python here that is newer than the one in $(VENV)")
+
+on-newest:
 	$(NEWEST) -m venv .venv-newest
 	for extra in tests closed-form figures distributed shapes sim robots ros2 peers; do \
 	  .venv-newest/bin/python -m pip install --quiet --only-binary=:all: -e ".[$$extra]" || echo "skipped: pip cannot install $$extra for $(NEWEST)"; \

@@ -1,6 +1,7 @@
 """What every test shares: property tests that draw the same examples in every run and are never timed."""
 
 import os
+from zlib import crc32
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -22,6 +23,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
         "--plugin", action="append", default=[], metavar="GROUP=PATH", help="Test this file as one of ours."
     )
+    parser.addoption("--part", metavar="K/N", help="Run part K of N, which are divided by the names of the tests.")
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -31,3 +33,11 @@ def pytest_configure(config: pytest.Config) -> None:
         except ValueError as error:
             raise pytest.UsageError(str(error)) from None
     settings.load_profile("soak" if config.option.markexpr.startswith("soak") else "optik")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    if part := config.getoption("--part"):
+        k, count = map(int, part.split("/"))
+        mine = {item for item in items if (crc32(item.nodeid.encode()) - k) % count == 0}
+        config.hook.pytest_deselected(items=[item for item in items if item not in mine])
+        items[:] = [item for item in items if item in mine]

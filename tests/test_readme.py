@@ -70,6 +70,7 @@ def run_pages(pages: dict[str, list[str]], folder: Path, temporary: Path, most: 
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.soak
 def test_the_python_of_the_docs_runs(tmp_path: Path) -> None:
     """The others run beside the examples and the blocks that begin with ``# NAME.py`` or ``# NAME.toml``, which are files."""
     pages: dict[str, list[str]] = {}
@@ -85,7 +86,9 @@ def test_the_python_of_the_docs_runs(tmp_path: Path) -> None:
     run_pages(pages, tmp_path, tmp_path, 100_000)
 
 
-@pytest.mark.parametrize("folder", ["tutorial", "howto", "explanation"])
+@pytest.mark.parametrize(
+    "folder", [*(pytest.param(name, marks=pytest.mark.soak) for name in ("howto", "tutorial")), "explanation"]
+)
 def test_the_notebooks_run_and_print_little(folder: str, tmp_path: Path) -> None:
     notebooks = sorted((ROOT / "docs" / folder).glob("*.md"))
     pages = {page.name: cells for page in notebooks if (cells := BLOCK.findall(page.read_text(encoding="utf-8")))}

@@ -152,7 +152,7 @@ def test_a_block_that_kills_the_first_process_is_done_apart_and_recorded_and_the
     ]
     assert [d.returncode for d in done] == [-signal.SIGSEGV, 1, 1]
     assert str(tmp_path / "run") in done[0].stderr
-    assert "failed: bad (rows/alone/bad.parquet): its process ended: SIGSEGV" in done[1].stderr
+    assert "failed: Squares: bad (rows/alone/bad.parquet): its process ended: SIGSEGV" in done[1].stderr
     folder = RunFolder(tmp_path / "run")
     assert folder.has("rows/alone/good--0000.parquet")
     assert folder.manifest()["complete"] is False

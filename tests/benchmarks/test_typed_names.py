@@ -105,10 +105,13 @@ def wrong_commands() -> list[tuple[str, str, str]]:
     return found
 
 
-def test_each_option_that_is_mistyped_is_named_in_one_line_with_what_to_type(folder: Path, typed: Any) -> None:
+@pytest.mark.parametrize("step", [11, pytest.param(1, marks=pytest.mark.soak)])
+def test_each_option_that_is_mistyped_is_named_in_one_line_with_what_to_type(
+    step: int, folder: Path, typed: Any
+) -> None:
     wrong = wrong_commands()
     assert len(wrong) > 500
-    for words, begin, advice in wrong:
+    for words, begin, advice in wrong[::step]:
         status, out, said = typed(*shlex.split(words)[1:])
         assert (status, out, said.count("\n")) == (2, "", 1), f"{words}: {said}"
         assert said.startswith(f"error: {begin}") and advice in said, f"{words}: {said}"

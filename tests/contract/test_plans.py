@@ -19,7 +19,7 @@ from tests.robots import marked
 
 ROBOTS = ("paper6r", "ur5e", "puma560", "panda", "irb120", "kr6", "gen3lite", "iiwa14", "irb910sc", "wx200")
 PATHS = ("line", "arc", "polyline", "joint_line")
-SHORT, LONG = 40, 1010
+SHORT, LONG = 40, 410
 
 
 class Problem(NamedTuple):

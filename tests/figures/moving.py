@@ -1,22 +1,15 @@
-"""Random plans of all arms, paths and laws, for the figures on motions that are stopped or replanned while they run."""
+"""Random paths and limits of all arms."""
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import numpy as np
 
-import optik
 from optik.arm.robot import Robot
-from optik.errors import OptikError
 from optik.types import Array
-from planners import JointLine, Line, MotionLimits, Path, Plan, Polyline, make_law, plan, replan
+from planners import JointLine, Line, MotionLimits, Path, Polyline
 
-ARMS = ("gen3lite", "iiwa14", "irb120", "kr6", "panda", "paper6r", "puma560", "ur10e", "ur5e", "wx200")
 LOADED = {"panda": 2.0, "ur5e": 3.0, "puma560": 1.5, "iiwa14": 5.0, "ur10e": 5.0, "paper6r": 0.5}
 """Arms with masses, and payloads [kg]."""
-LAWS = ("optimal", "optimal", "ruckig", "smooth", "constant_speed", "toppra", "quintic")
-STOPS_PER_PLAN = 10
 
 
 def near(robot: Robot, q: Array, size: float, rng: np.random.Generator) -> Array:
@@ -57,32 +50,3 @@ def limits_of(robot: Robot, law: str, torque: bool, rng: np.random.Generator) ->
     if not torque:
         return MotionLimits(np.minimum(v, own), a, j, tool_speed=speed)
     return MotionLimits(own, None if law == "optimal" else a, 10.0 * j, tool_speed=speed, torque=robot.limits.torque)
-
-
-@lru_cache(maxsize=2)
-def valid_plan(case: int, steps: int = 40) -> Plan | None:
-    """A valid plan, the same for the same case; every fifth one is replanned from a moving state."""
-    rng = np.random.default_rng([20261122, case])
-    for _ in range(steps):
-        law, torque = str(rng.choice(LAWS)), case % 2 == 0
-        robot = optik.load(str(rng.choice(tuple(LOADED) if torque else ARMS)))
-        if torque:
-            robot = robot.with_payload(LOADED[robot.name] * float(rng.uniform(0.2, 1.0)))
-            torque = robot.limits.torque is not None
-        low, high = span(robot)
-        q = low + (high - low) * rng.uniform(0.3, 0.7, robot.n)
-        try:
-            made = plan(
-                robot,
-                path_on(robot, q, case % 3, rng),
-                q,
-                limits=limits_of(robot, law, torque, rng),
-                timing=make_law(law),
-            )
-            if made and case % 5 == 0:
-                made = replan(made, float(rng.uniform(0.05, 0.6)) * made.trajectory.duration)
-        except OptikError:
-            continue
-        if made and made.trajectory.duration < 1000.0:
-            return made
-    return None

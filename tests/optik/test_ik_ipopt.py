@@ -107,46 +107,6 @@ def test_an_arm_of_four_joints_is_solved_quietly(options, capfd):
     assert captured.out + captured.err == ""
 
 
-# ---------------------------------------------------------------- the trace and the count
-@each_form
-def test_the_trace_has_the_start_and_one_row_an_iteration_and_ends_at_the_answer(form):
-    solver = IPOPT(PAPER, form=form)
-    arm = oracles.table("paper6r")
-    for target, start in zip(*problems("paper6r", 20, 56), strict=True):
-        result = solver.solve(target, start, trace=True)
-        assert result.trace.shape == (result.iterations + 1, 6)
-        assert np.abs(result.trace[0] - oracles.error(oracles.fk(arm, start), target)).max() < 1e-13
-        e = oracles.error(oracles.fk(arm, result.q), target)
-        assert np.abs(result.trace[-1] - e).max() < 1e-7  # IPOPT relaxes bounds by 1e-8, the answer is clipped
-        bare = solver.solve(target, start)
-        assert bare.trace is None
-        assert (bare.q == result.q).all()
-        assert bare[1:6] == result[1:6]
-
-
-@each_form
-def test_row_k_of_the_trace_is_the_error_of_the_run_stopped_at_k(form):
-    solver, arm = IPOPT(PAPER, form=form), oracles.table("paper6r")
-    target, start = PAPER.fk(START), np.clip(START + 0.4, PAPER.limits.lower, PAPER.limits.upper)
-    whole = solver.solve(target, start, trace=True)
-    assert whole.iterations >= 4
-    for k in range(1, whole.iterations):
-        q = solver.with_options(max_iterations=k).solve(target, start).q
-        assert np.abs(whole.trace[k] - oracles.error(oracles.fk(arm, q), target)).max() < 1e-7
-
-
-@each_form
-@pytest.mark.parametrize("most", [0, 1, 3])
-def test_no_more_iterations_than_allowed(form, most):
-    target, start = PAPER.fk(START), np.clip(START + 0.5, PAPER.limits.lower, PAPER.limits.upper)
-    assert IPOPT(PAPER, form=form).solve(target, start).iterations > 3
-    result = IPOPT(PAPER, form=form, max_iterations=most).solve(target, start, trace=True)
-    assert result.iterations == most
-    assert len(result.trace) == most + 1
-    assert result.status is IKStatus.MAX_ITERATIONS
-    assert result.message == "IPOPT: Maximum_Iterations_Exceeded"
-
-
 @each_form
 def test_a_time_limit_that_is_over_at_once_is_the_status(form):
     result = IPOPT(PAPER, form=form, time_limit=1e-9, max_restarts=5).solve(PAPER.fk(START), np.zeros(6))

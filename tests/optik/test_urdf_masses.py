@@ -40,7 +40,7 @@ def inertial(rng: np.random.Generator) -> str:
 
 
 def tree(seed: int) -> str:
-    """A chain of six joints, some of them fixed, with links on its sides; some links have no masses."""
+    """A chain of six joints, some fixed, with links on its sides, some without masses; no two joints have one effort."""
     rng = np.random.default_rng(seed)
     kinds = [*rng.permutation(["revolute", "prismatic", "fixed", "revolute", "fixed"]), "revolute"]
     links = [(f"l{i}", inertial(rng) if rng.random() < 0.8 else "") for i in range(7)]
@@ -53,7 +53,7 @@ def tree(seed: int) -> str:
         text += (
             f'<joint name="to_{child}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
             f'<origin xyz="{words(rng.normal(size=3) * 0.3)}" rpy="{words(rng.normal(size=3))}"/>'
-            f'<axis xyz="{words(axis)}"/><limit lower="-2" upper="2" effort="{rng.integers(0, 3)}" velocity="1"/>'
+            f'<axis xyz="{words(axis)}"/><limit lower="-2" upper="2" effort="{rng.integers(2) * len(text)}" velocity="1"/>'
             f'<dynamics damping="{rng.random()}" friction="{rng.random()}"/></joint>'
         )
     return f'<robot name="any">{text}</robot>'

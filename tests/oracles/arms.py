@@ -87,6 +87,11 @@ def random_arm(rng: np.random.Generator, n: int = 6, *, prismatic: bool = False,
     return Arm(convention, tuple(rows), base, tool, np.full(n, -3.0), np.full(n, 3.0))
 
 
+def span(arm: Arm) -> Array:
+    """Ends (2, n) of the ranges of the joints, two turns where a range has none."""
+    return np.clip([arm.lower, arm.upper], -2.0 * pi, 2.0 * pi)
+
+
 def configurations(arm: Arm, count: int, seed: int) -> Array:
     """Configurations (count, n) uniform inside the limits."""
-    return np.random.default_rng(seed).uniform(arm.lower, arm.upper, (count, arm.n))
+    return np.random.default_rng(seed).uniform(*span(arm), (count, arm.n))

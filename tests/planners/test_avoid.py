@@ -327,6 +327,7 @@ def test_the_branch_of_a_pose_is_one_without_contact() -> None:
     np.testing.assert_allclose(robot.fk(found.trajectory(found.trajectory.duration)), robot.fk(GOAL), atol=1e-8)
 
 
+@pytest.mark.soak
 def test_the_elbow_keeps_clear_of_a_ball_that_the_given_path_touches() -> None:
     robot, solved = panda(), 0
     for seed in range(6):
@@ -362,6 +363,7 @@ def test_the_elbow_keeps_clear_of_a_ball_that_the_given_path_touches() -> None:
     assert solved >= 3
 
 
+@pytest.mark.soak
 def test_more_coefficients_are_tried_where_the_default_ones_find_no_way_between_balls() -> None:
     robot, q = panda(), np.array([0.044, -0.557, -0.278, -2.443, 0.03, 1.67, 0.716])
     T, balls = robot.fk(q), [(0.327, -0.183, 0.610, 0.0125), (0.523, -0.229, 0.530, 0.0719)]
@@ -410,7 +412,7 @@ def test_a_start_or_goal_in_contact_says_which() -> None:
         assert "samples" not in found.failure.advice, "which would not help"
 
 
-@pytest.mark.parametrize("timing", ["optimal", "smooth"])
+@pytest.mark.parametrize("timing", [pytest.param("optimal", marks=pytest.mark.soak), "smooth"])
 def test_a_free_path_says_where_it_touches_and_what_may_help(timing: str) -> None:
     robot, T = panda(), panda().fk(REST)
     goal = T.copy()

@@ -193,7 +193,9 @@ def test_a_path_is_followed_up_to_where_a_motor_ends() -> None:
         JointLine(robot, q, over)
 
 
-@pytest.mark.parametrize("name", MATRICES)
+@pytest.mark.parametrize(
+    "name", ["differential wrist", *(pytest.param(x, marks=pytest.mark.soak) for x in ("random", "joints 2 and 3"))]
+)
 def test_searches_and_freedoms_stay_inside_the_ranges_of_the_motors(name: str) -> None:
     robot, rng, found = optik.load("ur5e").with_motors(MATRICES[name], names=NAMES), np.random.default_rng(4), 0
     ends = robot.limits.sample(rng, 16)

@@ -318,12 +318,13 @@ def test_a_ratio_below_one_is_proved_to_be_at_most_one() -> None:
         assert most <= ratio <= (1.0 if most < 1.0 else most * (1.0 + 1e-4))
 
 
-def test_freedoms_of_an_arm_whose_speed_falls_towards_the_ends() -> None:
+@pytest.mark.parametrize("more", [{}, pytest.param({"tilt": 0.3}, marks=pytest.mark.soak)])
+def test_freedoms_of_an_arm_whose_speed_falls_towards_the_ends(more: dict[str, float]) -> None:
     robot = optik.load("fr3")
     q = np.array([0.0, -0.6, 0.0, -2.2, 0.0, 1.6, 0.8])
     goal = robot.fk(q).copy()
-    goal[:3, 3] = [0.5, -0.4, 0.3]
-    found = plan(robot, free(Line(robot.fk(q), goal), turn=True, tilt=0.3))
+    goal[:3, 3] += [0.0, -0.4, -0.1]
+    found = plan(robot, free(Line(robot.fk(q), goal), turn=True, **more))
     assert found and found.certificate.worst("velocity_by_position")[0] <= 1.0
 
 

@@ -175,14 +175,6 @@ def test_a_half_turn_is_refused_with_what_would_work(short: float, move: float) 
 
 
 # ---------------------------------------------------------------- nearest
-@given(poses, vectors, parts, st.booleans())
-def test_the_nearest_place_to_a_pose_of_the_line_is_where_it_is(start: Any, turn: Any, u: float, moves: bool) -> None:
-    assume(np.linalg.norm(turn) > 1e-3)
-    line = Line(start, oracles.moved(start, 0.3 * turn * moves, 1.7 * turn))
-    s = np.array([0.0, u, 1.0]) * line.end
-    np.testing.assert_allclose(line.nearest(line(s)), s, rtol=0.0, atol=1e-12)
-
-
 def test_the_nearest_place_to_the_goal_of_almost_a_half_turn_is_its_end() -> None:
     rng = np.random.default_rng(4)
     for _ in range(300):

@@ -57,10 +57,10 @@ def test_a_path_that_no_continuous_motion_follows_is_refused(seed: int) -> None:
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize("first", range(0, 2000, 100))
+@pytest.mark.parametrize("first", range(20))
 def test_many_drawn_polylines_are_planned_by_every_law(first: int) -> None:
     failed = {}
-    for seed in range(first, first + 100):
+    for seed in range(first, 2000, 100):
         try:
             found = wrong(seed)
         except Exception as error:

@@ -245,7 +245,7 @@ def test_values_on_the_circle_are_wound_and_unwound() -> None:
 
 
 # ---------------------------------------------------------------- whole plans
-@pytest.mark.parametrize("case", [0, 5])
+@pytest.mark.parametrize("case", [0, pytest.param(5, marks=pytest.mark.soak)])
 def test_lines_that_only_a_freedom_makes_possible_are_planned(case: int) -> None:
     row = resolve_lines.measure(case)
     for law in resolve_lines.LAWS:
@@ -317,7 +317,7 @@ def test_a_program_refuses_reconfigurations() -> None:
         plan(robot, Program([Part(q + 0.1)]), q, limits=LIMITS, reconfigurations=1)
 
 
-@pytest.mark.parametrize("case", [0, 1, 2, 3])
+@pytest.mark.parametrize("case", [0, *(pytest.param(case, marks=pytest.mark.soak) for case in (1, 2, 3))])
 def test_seams_among_boxes_are_planned_without_a_start(case: int) -> None:
     row = resolve_seams.measure(case)
     assert row["certified"], row
@@ -360,12 +360,17 @@ def test_a_wrong_resolution_is_refused(resolve: Any, limit: float) -> None:
 
 
 # ---------------------------------------------------------------- reconfigurations
+@pytest.mark.soak
 @pytest.mark.parametrize("case", [0])
 def test_seams_that_need_reconfigurations_are_cut_where_few_suffice(case: int) -> None:
     row = resolve_cuts.measure(case)
     assert row["certified"] and row["program"] and row["advised"], row
     assert row["found"] == row["asked"]
     assert row.get("coal", 1.0) >= -COAL_ERROR
+
+
+SEAM = 511
+"""Its first draw needs one reconfiguration."""
 
 
 @cache
@@ -378,7 +383,7 @@ def seam(case: int) -> tuple[Robot, Polyline]:
 
 
 def test_a_program_of_stretches_covers_the_seam_and_leaves_it_along_the_tool_axis() -> None:
-    robot, path = seam(7)
+    robot, path = seam(SEAM)
     found = plan(robot, path, limits=LIMITS, reconfigurations=2)
     assert isinstance(found, ProgramPlan) and found
     assert found.resolution is not None and len(found.resolution.cuts) == 1
@@ -395,7 +400,7 @@ def test_a_program_of_stretches_covers_the_seam_and_leaves_it_along_the_tool_axi
 
 
 def test_with_a_free_turn_fewer_reconfigurations_are_needed() -> None:
-    robot, path = seam(7)
+    robot, path = seam(SEAM)
     found = plan(robot, free(path, turn=True), limits=LIMITS, reconfigurations=2)
     assert found and found.resolution is not None and len(found.resolution.cuts) <= 1
 
