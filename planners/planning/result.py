@@ -268,7 +268,7 @@ class Plan:
         NoSolution
             A limit that no slower motion respects: with the joint and its torque, or with the least that was reached.
         """
-        return _finish().slow_to(self, rms_torque, cycle, stopping_time, stopping_distance)  # type: ignore[no-any-return]
+        return _finish().stretch_to_ends(self, rms_torque, cycle, stopping_time, stopping_distance)  # type: ignore[no-any-return]
 
     @property
     def events(self) -> tuple[Event, ...]:
