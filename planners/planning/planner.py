@@ -11,8 +11,9 @@ from numpy.typing import ArrayLike
 
 from optik import newton
 from optik.arm.robot import Robot
+from optik.check import check_number
 from optik.errors import InvalidInput, NoSolution
-from optik.ik import IKSolver
+from optik.ik import IKSolver, SolverLike
 from optik.ik.base import Tolerance
 from optik.ik.problem import check_start
 from optik.registry import label
@@ -21,13 +22,13 @@ from optik.types import Array
 from planners.certificate.analysis import MotionAnalysis
 from planners.certificate.certificate import Certificate
 from planners.certificate.certification import certify
-from planners.certificate.violation import required_limits, words_for
+from planners.certificate.violation import Allow, required_limits, words_for
 from planners.choice.choose import CHOSEN, ChoiceReport, pick_plan, report
 from planners.choice.first_paths import DEFAULT_SEARCH, advise_elbow
 from planners.choice.ways import DENSITIES, FEW_SEGMENTS, choose_on_path, choose_searched
 from planners.following.branches import CollisionCheck
 from planners.following.failure import PlanFailure
-from planners.following.follow import START_TOLERANCE, FollowResult, FollowStatus, make_follower
+from planners.following.follow import DEFAULT_TOLERANCE, START_TOLERANCE, FollowResult, FollowStatus, make_follower
 from planners.following.joint_path import JointPath
 from planners.following.resolve.freedoms import FreeWay, Resolver, can_resolve
 from planners.following.resolve.graph import Sequence
@@ -39,7 +40,7 @@ from planners.paths.free_path import FEWEST_JOINTS, FreePath
 from planners.paths.point_to_point import PointToPoint
 from planners.planning.result import Plan, PlanSeconds
 from planners.search.base import SearchLike
-from planners.timing import TimeLaw
+from planners.timing import LawLike, TimeLaw
 from planners.timing.base import StopKind
 from planners.timing.optimal import Optimal, Optimum
 from planners.trajectory import Trajectory
@@ -64,6 +65,35 @@ def judge_certificate(
     first = proof.violations[0]
     reason = f"the certificate is not valid: {'; '.join(proof.reasons)}"
     return status, PlanFailure(status, proof.s_at(first.t), first.joint, reason, advice)
+
+
+@dataclass(frozen=True)
+class PlanOptions:
+    """The arguments of `planners.plan` besides the arm, the path and the start."""
+
+    limits: MotionLimits
+    solver: SolverLike = "lm"
+    timing: LawLike = "optimal"
+    samples: int = 151
+    branch: str | None = None
+    rate: float = 1000.0
+    duration: float | None = None
+    strict: bool = False
+    tolerance: Tolerance = DEFAULT_TOLERANCE
+    allow: Allow = ()
+    scene: Scene | None = None
+    avoid: bool | SearchLike = False
+    winding: str = "nearest"
+    resolve: str = "auto"
+    time_limit: float | None = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.limits, MotionLimits):
+            raise InvalidInput("limits", repr(self.limits)[:60], "an object of the class MotionLimits")
+        if self.duration is not None:
+            check_number(self.duration, "duration", "seconds above 0", above=0.0)
+        if not isinstance(self.strict, bool):
+            raise InvalidInput("strict", repr(self.strict)[:60], "True or False")
 
 
 @dataclass(frozen=True)

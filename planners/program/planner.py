@@ -36,7 +36,7 @@ from planners.paths.point_to_point import PointToPoint
 from planners.paths.poses import NO_LENGTH
 from planners.paths.program import SAME_PLACE, ProgramPath
 from planners.paths.stretch import Stretch
-from planners.planning.planner import judge_certificate
+from planners.planning.planner import PlanOptions, judge_certificate
 from planners.planning.result import Plan, PlanSeconds
 from planners.program.events import (
     PathEvent,
@@ -48,7 +48,7 @@ from planners.program.events import (
     list_places,
     round_to_periods,
 )
-from planners.program.following import FailedPart, FollowOptions, Leg, PartFollower, PlanAlone
+from planners.program.following import FailedPart, Leg, PartFollower, PlanPath
 from planners.program.joining import Corner, Sharp, join_parts, round_corners, sharpen
 from planners.program.parts import Dwell, Item, Move, Part, Program
 from planners.trajectory import Trajectory, append_rest, join, make_rest
@@ -388,7 +388,7 @@ NARROWER, MOST_NARROWER = 0.4, 3
 
 
 def plan_program(
-    robot: Robot, program: Program, q_start: Any, alone: PlanAlone, options: FollowOptions, duration: float | None
+    robot: Robot, program: Program, q_start: Any, plan_path: PlanPath, options: PlanOptions
 ) -> ProgramPlan:
     """Return the plan of a program."""
     q = None if q_start is None else check_start(robot, q_start, "q_start")
@@ -396,11 +396,11 @@ def plan_program(
         if np.ndim(options.limits.value(name)):
             expected = f"one number: a part has its own (Part.{name})"
             raise InvalidInput(f"limits.{name}", "more than one number", expected)
-    started, planner = perf_counter(), ProgramPlanner(PartFollower(robot, program, alone, options))
+    started, planner = perf_counter(), ProgramPlanner(PartFollower(robot, program, plan_path, options))
     legs, failed = planner.follower.follow_all(q)
     found = planner.fail(failed, legs) if failed is not None else planner.plan_sections(legs)
-    if found and duration is not None:
-        found = stretch_sections(found, duration)
+    if found and options.duration is not None:
+        found = stretch_sections(found, options.duration)
     _, timing, proof = found.seconds
     return replace(found, seconds=PlanSeconds(perf_counter() - started - timing - proof, timing, proof))
 
@@ -417,7 +417,7 @@ class ProgramPlanner:
         return self.follower.program
 
     @property
-    def options(self) -> FollowOptions:
+    def options(self) -> PlanOptions:
         """What the program is planned with."""
         return self.follower.options
 

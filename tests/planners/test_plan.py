@@ -1,5 +1,7 @@
+import inspect
 import json
 import pickle
+from dataclasses import fields
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -14,6 +16,7 @@ from planners import Arc, JointLine, Line, MotionLimits, Plan, Trajectory, laws,
 from planners.following.failure import FollowStatus
 from planners.following.joint_path import JointPath
 from planners.planning import PlanStatus
+from planners.planning.planner import PlanOptions
 from planners.timing import TimeLaw
 from tests import oracles
 from tests.oracles import PAPER
@@ -418,3 +421,10 @@ def test_robots_of_the_same_name_are_told_apart_by_what_differs():
         plan(other, path, START)
     with pytest.raises(InvalidInput, match=r"solver: .*which differs in payload"):
         plan(loaded, loaded.fk(START + 0.1), START, solver=make_solver(robot, "lm"))
+
+
+def test_the_options_of_a_plan_have_the_defaults_of_its_arguments() -> None:
+    arguments = inspect.signature(plan).parameters
+    defaults = {one.name: one.default for one in fields(PlanOptions) if one.name != "limits"}
+    known = {*defaults, "robot", "path", "q_start", "limits", "reconfigurations"}
+    assert known == set(arguments) and defaults == {name: arguments[name].default for name in defaults}
