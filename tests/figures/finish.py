@@ -18,7 +18,6 @@ from optik.arm.mjcf_writer import to_mjcf
 from optik.arm.robot import Robot
 from optik.types import Array
 from planners import JointLine, Line, MotionLimits, Plan, make_law, plan, replan
-from planners.replan.finish import stretch_plan
 from tests.figures.figure import Row, Value, main
 
 QUIET, RMS, STOPS = 60, 15, 100
@@ -118,7 +117,7 @@ def measure(case: int) -> Row:
     if case < QUIET + RMS:
         robot, path, q, limits = draw(case)
         free = plan(robot, path, q, limits=limits)
-        usual, still = rms(free), rms(stretch_plan(free, 50.0))
+        usual, still = rms(free), rms(free.stretched(50.0))
         most = np.where(usual > still, still + 0.75 * (usual - still), 1e3)
         found = free.slowed_to(rms_torque=most)
         return {"kind": "rms", "ratio": float((rms(found) / most).max()), "over": found.duration / free.duration}

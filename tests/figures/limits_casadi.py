@@ -11,7 +11,6 @@ import optik
 from optik.arm.robot import Robot
 from optik.types import Array
 from planners import JointLine, MotionLimits, Plan, plan
-from planners.replan.finish import stretch_plan
 from tests.figures import finish
 from tests.figures.figure import Row, Value, main
 from tests.figures.limits import BOX, _speeds, draw, value_of
@@ -136,7 +135,7 @@ def rms_case(i: int) -> tuple[Robot, Plan, Array]:
     robot, path, q, _ = finish.draw(finish.QUIET + i)
     limits = MotionLimits.of(robot, **BOX | {"velocity": _speeds(robot)})
     free = plan(robot, path, q, limits=limits)
-    usual, still = finish.rms(free), finish.rms(stretch_plan(free, 50.0))
+    usual, still = finish.rms(free), finish.rms(free.stretched(50.0))
     most = np.where(usual > still, still + 0.75 * (usual - still), 1e3)
     return robot, free.slowed_to(rms_torque=most), most
 
