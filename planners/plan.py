@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
-from typing import Any
 
 from numpy.typing import ArrayLike
 
 from optik.arm.robot import Robot
-from optik.check import check_count, check_number
+from optik.check import check_count
 from optik.errors import InvalidInput, NoSolution
-from optik.ik import IKSolver, SolverLike, get_solver
+from optik.ik import SolverLike, get_solver
 from optik.ik.base import Tolerance, ToleranceLike
 from optik.ik.problem import check_start
 from optik.registry import label
@@ -22,9 +22,8 @@ from planners.limits import MotionLimits, check_path
 from planners.motion import PlanStatus
 from planners.paths.base import Path
 from planners.paths.goal import check_winding, path_to
-from planners.planning.planner import MotionPlanner, PlanRequest
+from planners.planning.planner import MotionPlanner, PlanOptions, PlanRequest
 from planners.planning.result import Plan, PlanSeconds
-from planners.program.following import FollowOptions
 from planners.program.parts import Program
 from planners.program.planner import ProgramPlan, plan_program, reconfigure
 from planners.search.base import SearchLike
@@ -87,80 +86,49 @@ def plan(
     InvalidInput, UnknownName
         An invalid argument; a limit that the law needs and that is missing; an unknown method or law; an arm without shapes.
     """
-    given, search = (tolerance, rate, scene, allow, avoid, winding), {"resolve": resolve, "time_limit": time_limit}
-    own = solver, timing, limits, samples, branch, duration, strict, search
+    options = PlanOptions(
+        MotionLimits.of(robot) if limits is None else limits, solver=solver, timing=timing, samples=samples, branch=branch,
+        rate=rate, duration=duration, strict=strict, tolerance=Tolerance.of(tolerance), allow=allow, scene=scene, avoid=avoid,
+        winding=winding, resolve=resolve, time_limit=time_limit,
+    )  # fmt: skip
     check_count(reconfigurations, "reconfigurations", 0)
-    if isinstance(path, Program) and not reconfigurations:
-        return _plan_program(robot, path, q_start, own=own, given=given)
-    return _plan_path(robot, path, q_start, own, given, reconfigurations)
-
-
-def _plan_path(
-    robot: Robot, path: Path | Program | ArrayLike, q_start: ArrayLike | None, own: tuple[Any, ...], given: tuple[Any, ...],
-    most: int,
-) -> Plan:  # fmt: skip
-    """Return the plan along one path, with at most so many reconfigurations."""
-    if isinstance(path, Program):
-        raise InvalidInput("reconfigurations", most, "0 for a program: plan the path of a part alone")
-    (solver, timing, limits, samples, branch, duration, strict, search), seconds = own, read_time_limit(**own[-1])
-    request = _build_request(robot, path, q_start, solver, timing, limits, given)
-    found = MotionPlanner(*request, samples, _check_options(duration, strict), seconds).run(q_start, branch, duration)
-    seconds -= 0.0 if found.resolution is None else found.resolution.seconds
-    if found or seconds <= 0.0:
-        return found
-    q, held = None if q_start is None else check_start(robot, q_start, "q_start"), branch != "best"
-    without = solver, timing, limits, samples, None, duration, strict, search
-    program = partial(_plan_program, robot, own=without, given=(*given[:4], False, given[5]))
-    return reconfigure(found, found.path, q, q is not None and held, most, seconds, program)
-
-
-def _check_options(duration: float | None, strict: bool) -> bool:
-    """Return `strict`; raise InvalidInput for a wrong duration or a wrong `strict`."""
-    if duration is not None:
-        check_number(duration, "duration", "seconds above 0", above=0.0)
-    if not isinstance(strict, bool):
-        raise InvalidInput("strict", repr(strict)[:60], "True or False")
-    return strict
-
-
-def _plan_program(
-    robot: Robot, program: Program, q_start: ArrayLike | None, *, own: tuple[Any, ...], given: tuple[Any, ...]
-) -> ProgramPlan:
-    """Return the plan of a program, whose parts and sections are planned with the same arguments of `plan`."""
-    solver, timing, limits, samples, branch, duration, strict, search = own
-    tolerance, rate, scene, allow, avoid, winding = given
+    if not isinstance(path, Program):
+        return _plan_path(robot, path, q_start, options, reconfigurations)
+    if reconfigurations:
+        raise InvalidInput("reconfigurations", reconfigurations, "0 for a program: plan the path of a part alone")
     if branch is not None or avoid is not False:
         which, got = ("avoid", avoid) if branch is None else ("branch", branch)
         raise InvalidInput(which, repr(got)[:60], "none for a program: each part chooses for itself (Part.avoid)")
-    shared = {"solver": solver, "timing": timing, "samples": samples, "rate": rate, "allow": allow}
-    alone = partial(plan, strict=_check_options(duration, strict), winding=winding, **shared, **search)
-    options = FollowOptions(
-        solver, _check_limits(robot, limits), samples, Tolerance.of(tolerance), scene, winding, search
-    )
-    return plan_program(robot, program, q_start, alone, options, duration)
+    return plan_program(robot, path, q_start, _plan_path, options)
 
 
-def _check_limits(robot: Robot, limits: MotionLimits | None) -> MotionLimits:
-    """Return the limits, by default those of the robot."""
-    limits = MotionLimits.of(robot) if limits is None else limits
-    if not isinstance(limits, MotionLimits):
-        raise InvalidInput("limits", repr(limits)[:60], "an object of the class MotionLimits")
-    return limits
+def _plan_path(
+    robot: Robot, path: Path | ArrayLike, q_start: ArrayLike | None, options: PlanOptions, most: int = 0
+) -> Plan:
+    """Return the plan along one path, with at most so many reconfigurations."""
+    seconds, solver = read_time_limit(options.resolve, options.time_limit), get_solver(robot, options.solver)
+    request = _build_request(robot, path, q_start, options, label(solver))
+    planner = MotionPlanner(solver, request, options.samples, options.strict, seconds)
+    plan = planner.run(q_start, options.branch, options.duration)
+    seconds -= 0.0 if plan.resolution is None else plan.resolution.seconds
+    if plan or seconds <= 0.0:
+        return plan
+    q, held = None if q_start is None else check_start(robot, q_start, "q_start"), options.branch != "best"
+    without = replace(options, branch=None, avoid=False)
+    program = partial(plan_program, robot, plan_path=_plan_path, options=without)
+    return reconfigure(plan, plan.path, q, q is not None and held, most, seconds, program)
 
 
 def _build_request(
-    robot: Robot, path: Path | ArrayLike, q_start: ArrayLike | None, given: SolverLike, timing: LawLike,
-    limits: MotionLimits | None, options: tuple[ToleranceLike, float, Scene | None, Allow, bool | SearchLike, str],
-) -> tuple[IKSolver, PlanRequest]:  # fmt: skip
-    """Return the solver and the request, with defaults filled in, after checking that the arguments are consistent."""
-    solver, law = get_solver(robot, given), make_law(timing)
-    limits = _check_limits(robot, limits)
-    tolerance, rate, scene, allow, avoid, winding = options
-    avoid, winding, unreachable = check_avoid(avoid), check_winding(winding), None
+    robot: Robot, path: Path | ArrayLike, q_start: ArrayLike | None, options: PlanOptions, solver: str
+) -> PlanRequest:
+    """Return the request, with defaults filled in, after checking that the arguments are consistent."""
+    law, limits = make_law(options.timing), options.limits
+    avoid, winding, unreachable = check_avoid(options.avoid), check_winding(options.winding), None
     winding = "exact" if isinstance(path, Path) else winding
     if avoid is not False:
         try:
-            path = check_avoidable(robot, path, q_start, scene, winding)
+            path = check_avoidable(robot, path, q_start, options.scene, winding)
         except NoSolution as error:  # no configuration reaches a pose as goal: only the straight line remains
             assert not isinstance(path, Path)
             path, unreachable = path_to(robot, path, q_start), error
@@ -168,8 +136,7 @@ def _build_request(
         path = path_to(robot, path, q_start, winding)
     law.need(limits, robot)
     check_path(limits, path)
-    return solver, PlanRequest(
-        robot, path, limits, label(solver), law, Tolerance.of(tolerance), rate, scene=scene,
-        allow=check_allow(allow, LIMIT_WORDS), avoid=avoid, winding=winding,
-        unreachable=unreachable,
+    return PlanRequest(
+        robot, path, limits, solver, law, options.tolerance, options.rate, scene=options.scene,
+        allow=check_allow(options.allow, LIMIT_WORDS), avoid=avoid, winding=winding, unreachable=unreachable,
     )  # fmt: skip

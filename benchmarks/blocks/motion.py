@@ -40,7 +40,8 @@ from planners.motion.motion import stretch_analysed
 from planners.paths.joint_line import JointLine
 from planners.paths.point_to_point import PointToPoint
 from planners.plan import Plan, plan
-from planners.planning.planner import PlanRequest, judge_certificate
+from planners.planning.planner import PlanRequest
+from planners.planning.result import judge_certificate
 from planners.search.base import SearchResult, SearchStatus, measure_length
 from planners.search.find import find_path
 from planners.timing import make_law

@@ -139,8 +139,8 @@ def print_certificate(plan: Any, by_law: tuple[str, ...]) -> None:
         out_console.print(describe_effort(proof, plan.robot, arms))
     if proof.clearance is not None:
         out_console.print(describe_clearance(proof.clearance))
-    if plan.stretch_factor > 1.0:
-        stretch = 100.0 * (plan.stretch_factor - 1.0)
+    if plan.limit_factor > 1.0:
+        stretch = 100.0 * (plan.limit_factor - 1.0)
         out_console.print(f"duration stretched by {stretch:.3g} % to meet the limits")
     beyond = [f for f in limits if f not in proof.enforced and proof.worst(f)[0] > 1.0]
     if beyond:

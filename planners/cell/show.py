@@ -28,8 +28,8 @@ from planners.motion import Motion
 from planners.motion.show import MOST_INSTANTS, certificate_facts, plot_limits, sample_path, sample_track, show_motion
 from planners.paths import path_of
 from planners.paths.program import ProgramPath
-from planners.planning.planner import PATH_FRACTION, judge_certificate
-from planners.planning.result import Plan
+from planners.planning.planner import PATH_FRACTION
+from planners.planning.result import Plan, judge_certificate
 from planners.program.events import TimedEvent
 from planners.program.planner import ProgramPlan, build_plan
 from planners.trajectory import Trajectory

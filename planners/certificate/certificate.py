@@ -426,7 +426,7 @@ def plan_summary(
     path: Path,
     failure: tuple[float, str | None, str, str] | None,
     proof: Certificate | None,
-    stretch_factor: float,
+    limit_factor: float,
     least: float | None = None,
 ) -> str:
     """Return a summary of a plan: its failure (path parameter, joint, reason, advice), and the certificate of its motion.
@@ -444,6 +444,6 @@ def plan_summary(
         lines.append(f"try: {shorten_text(advice)}")
     if proof is not None:
         lines += summary_lines(proof, least)[failure is not None :]
-        if stretch_factor > 1.0:
-            lines.append(f"duration stretched by {100.0 * (stretch_factor - 1.0):.3g} % to meet the limits")
+        if limit_factor > 1.0:
+            lines.append(f"duration stretched by {100.0 * (limit_factor - 1.0):.3g} % to meet the limits")
     return "\n".join(lines)

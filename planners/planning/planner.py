@@ -11,8 +11,9 @@ from numpy.typing import ArrayLike
 
 from optik import newton
 from optik.arm.robot import Robot
+from optik.check import check_number
 from optik.errors import InvalidInput, NoSolution
-from optik.ik import IKSolver
+from optik.ik import IKSolver, SolverLike
 from optik.ik.base import Tolerance
 from optik.ik.problem import check_start
 from optik.registry import label
@@ -21,13 +22,13 @@ from optik.types import Array
 from planners.certificate.analysis import MotionAnalysis
 from planners.certificate.certificate import Certificate
 from planners.certificate.certification import certify
-from planners.certificate.violation import required_limits, words_for
+from planners.certificate.violation import Allow, required_limits
 from planners.choice.choose import CHOSEN, ChoiceReport, pick_plan, report
 from planners.choice.first_paths import DEFAULT_SEARCH, advise_elbow
 from planners.choice.ways import DENSITIES, FEW_SEGMENTS, choose_on_path, choose_searched
 from planners.following.branches import CollisionCheck
 from planners.following.failure import PlanFailure
-from planners.following.follow import START_TOLERANCE, FollowResult, FollowStatus, make_follower
+from planners.following.follow import DEFAULT_TOLERANCE, START_TOLERANCE, FollowResult, FollowStatus, make_follower
 from planners.following.joint_path import JointPath
 from planners.following.resolve.freedoms import FreeWay, Resolver, can_resolve
 from planners.following.resolve.graph import Sequence
@@ -37,9 +38,9 @@ from planners.motion.motion import check_statics, find_stretch_factor, stretch_a
 from planners.paths.base import Path
 from planners.paths.free_path import FEWEST_JOINTS, FreePath
 from planners.paths.point_to_point import PointToPoint
-from planners.planning.result import Plan, PlanSeconds
+from planners.planning.result import Plan, PlanSeconds, judge_certificate
 from planners.search.base import SearchLike
-from planners.timing import TimeLaw
+from planners.timing import LawLike, TimeLaw
 from planners.timing.base import StopKind
 from planners.timing.optimal import Optimal, Optimum
 from planners.trajectory import Trajectory
@@ -47,23 +48,33 @@ from planners.trajectory import Trajectory
 # ---------------- the validated arguments of a plan, and the plans that can result
 
 
-def judge_certificate(
-    proof: Certificate, enforced: tuple[str, ...] | None = None
-) -> tuple[PlanStatus, PlanFailure | None]:
-    """Return the status of a plan with this certificate, and its first violation; the law enforces these limits."""
-    if proof.is_valid:
-        return PlanStatus.SOLVED, None
-    status = PlanStatus.NOT_PROVED
-    advice = "another law, or a wider tolerance; plan.trajectory and plan.certificate show where"
-    if proof.clearance is not None and proof.clearance.touches:
-        status = PlanStatus.CONTACT
-        advice = "another start, goal or path, or a smaller margin; plan.certificate.clearance shows where"
-    elif enforced is not None and replace(proof, enforced=enforced).is_valid:
-        status = PlanStatus.LIMITS_EXCEEDED
-        advice = f"another law, as {proof.law} does not enforce this limit; or allow={words_for(proof.violations)!r}"
-    first = proof.violations[0]
-    reason = f"the certificate is not valid: {'; '.join(proof.reasons)}"
-    return status, PlanFailure(status, proof.s_at(first.t), first.joint, reason, advice)
+@dataclass(frozen=True)
+class PlanOptions:
+    """The arguments of `planners.plan` besides the arm, the path and the start."""
+
+    limits: MotionLimits
+    solver: SolverLike = "lm"
+    timing: LawLike = "optimal"
+    samples: int = 151
+    branch: str | None = None
+    rate: float = 1000.0
+    duration: float | None = None
+    strict: bool = False
+    tolerance: Tolerance = DEFAULT_TOLERANCE
+    allow: Allow = ()
+    scene: Scene | None = None
+    avoid: bool | SearchLike = False
+    winding: str = "nearest"
+    resolve: str = "auto"
+    time_limit: float | None = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.limits, MotionLimits):
+            raise InvalidInput("limits", repr(self.limits)[:60], "an object of the class MotionLimits")
+        if self.duration is not None:
+            check_number(self.duration, "duration", "seconds above 0", above=0.0)
+        if not isinstance(self.strict, bool):
+            raise InvalidInput("strict", repr(self.strict)[:60], "True or False")
 
 
 @dataclass(frozen=True)
@@ -100,8 +111,9 @@ class PlanRequest:
         trajectory: Trajectory,
         stretch_factor: float = 1.0,
         analysis: MotionAnalysis | None = None,
+        limit_factor: float = 1.0,
     ) -> Plan:
-        """Certify the law's motion, slowed by a factor, and return its plan, which is solved if the certificate is valid."""
+        """Certify the law's motion, stretched by a factor, and return its plan, which is solved if the certificate is valid."""
         started = perf_counter()
         proof = certify(
             self.robot, self.path, trajectory, self.limits, law=label(self.law), enforced=self.enforced, rate=self.rate,
@@ -112,6 +124,7 @@ class PlanRequest:
         return Plan(
             self.robot, self.path, self.limits, status, self.solver, label(self.law), joints, failure, trajectory, proof,
             stretch_factor, self.span, self.law.speed, self.scene, seconds, self.before, self.start_error, self.stop_kind,
+            limit_factor=limit_factor,
         )  # fmt: skip
 
     def infeasible(
@@ -304,12 +317,13 @@ class MotionPlanner:
                 return request.refuse(joints, proof, advice), None
             motion = stretch_analysed(raw, request.limits, enforced) if factor > 1.0 else raw
             trajectory, analysis = motion.trajectory, motion if duration is None else None
-            stretch = trajectory.duration / raw.trajectory.duration
+            limited = 1.0 if duration is not None else trajectory.duration / raw.trajectory.duration
             if duration is not None:
                 trajectory = _scale_to_duration(trajectory, duration, law)
         except NoSolution as error:
             return request.infeasible(joints, error), None
-        return request.certify_motion(joints, trajectory, stretch, analysis), optimum
+        stretch = trajectory.duration / raw.trajectory.duration
+        return request.certify_motion(joints, trajectory, stretch, analysis, limited), optimum
 
     def _avoid(self, path: FreePath | PointToPoint, followed: FollowResult, ways: list[FreeWay], held: bool) -> Plan:
         """Return the fastest collision-free plan from the initial paths that are searched."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from importlib import import_module
 from typing import Any, NamedTuple, Self
@@ -17,7 +17,7 @@ from optik.scene import Scene
 from optik.types import Array
 from optik.view.page import Page, show_page
 from planners.certificate.certificate import Certificate, plan_summary
-from planners.certificate.violation import Allow
+from planners.certificate.violation import Allow, words_for
 from planners.choice.choose import FreedomResult
 from planners.choice.first_paths import SearchReport
 from planners.files import save
@@ -45,6 +45,25 @@ class PlanSeconds(NamedTuple):
     certificate: float = 0.0
 
 
+def judge_certificate(
+    proof: Certificate, enforced: tuple[str, ...] | None = None
+) -> tuple[PlanStatus, PlanFailure | None]:
+    """Return the status of a plan with this certificate, and its first violation; the law enforces these limits."""
+    if proof.is_valid:
+        return PlanStatus.SOLVED, None
+    status = PlanStatus.NOT_PROVED
+    advice = "another law, or a wider tolerance; plan.trajectory and plan.certificate show where"
+    if proof.clearance is not None and proof.clearance.touches:
+        status = PlanStatus.CONTACT
+        advice = "another start, goal or path, or a smaller margin; plan.certificate.clearance shows where"
+    elif enforced is not None and replace(proof, enforced=enforced).is_valid:
+        status = PlanStatus.LIMITS_EXCEEDED
+        advice = f"another law, as {proof.law} does not enforce this limit; or allow={words_for(proof.violations)!r}"
+    first = proof.violations[0]
+    reason = f"the certificate is not valid: {'; '.join(proof.reasons)}"
+    return status, PlanFailure(status, proof.s_at(first.t), first.joint, reason, advice)
+
+
 @dataclass(frozen=True, repr=False)
 class Plan:
     """The result of `plan`. ``bool(plan)`` is success: there is a motion, and its certificate is valid.
@@ -62,7 +81,9 @@ class Plan:
     failure : PlanFailure or None
         Where and why it failed: s, joint, reason, advice. There may be a motion too, for example with NOT_PROVED.
     stretch_factor : float
-        Factor by which the law's motion was slowed to meet the limits that the law enforces; 1 if it met them itself.
+        Duration over the duration of the motion that the law chose: it was stretched for limits, or on request.
+    limit_factor : float
+        The part of it that limits caused; 1 if the law's motion met them, and if a duration was asked.
     span : (2,) tuple of float, or None
         The part of the path [m, or rad] that the motion covers, if it is not the whole path: after `replan`.
     speed : float or None
@@ -109,6 +130,7 @@ class Plan:
     search: SearchReport | None = field(default=None, compare=False)
     resolution: Resolution | None = field(default=None, compare=False)
     stop_step: float | None = None
+    limit_factor: float = 1.0
 
     @property
     def within_limits_from(self) -> float:
@@ -174,7 +196,7 @@ class Plan:
         path, why = self.path, self.failure
         failure = None if why is None else (why.s, why.joint, why.reason, why.advice)
         summary = plan_summary(
-            f"{self.status}: {self._title}", path, failure, self._certificate, self.stretch_factor, self.least_duration
+            f"{self.status}: {self._title}", path, failure, self._certificate, self.limit_factor, self.least_duration
         )
         parts = (self.slowness, self.resolution, self.freedom)
         return "\n".join([summary, *(str(part) for part in parts if part is not None)])
@@ -268,7 +290,7 @@ class Plan:
         NoSolution
             A limit that no slower motion respects: with the joint and its torque, or with the least that was reached.
         """
-        return _finish().slow_to(self, rms_torque, cycle, stopping_time, stopping_distance)  # type: ignore[no-any-return]
+        return _finish().stretch_to_ends(self, rms_torque, cycle, stopping_time, stopping_distance)  # type: ignore[no-any-return]
 
     @property
     def events(self) -> tuple[Event, ...]:
@@ -331,6 +353,26 @@ class Plan:
             self.robot, self.path, self.limits, self.trajectory, self.law, proof.enforced, proof.tolerance, self.span,
             self.speed, self.scene, self.before, self.events,
         )  # fmt: skip
+
+    def with_motion(self, trajectory: Trajectory, proof: Certificate | None = None, **changed: Any) -> Self:
+        """Return the plan with another motion on its path, and other fields, certified unless there is a proof, and judged."""
+        factors = self.stretch_factor * trajectory.duration / self.duration, self.limit_factor
+        if changed.get("span", self.span) != self.span:  # another part of the path: the law's duration is not known
+            factors = 1.0, 1.0
+        known = {"stretch_factor": factors[0], "limit_factor": factors[1], "_trajectory": trajectory}
+        plan = replace(self, **(known | changed))
+        if proof is None:
+            proof = plan.motion.certify(rate=self.certificate.rate)
+        met = tuple(name for name in proof.enforced if self.certificate.worst(name)[0] <= 1.0)
+        status, failure = judge_certificate(proof, met if self.status is PlanStatus.LIMITS_EXCEEDED else None)
+        return replace(plan, _certificate=proof, status=status, failure=failure)
+
+    def stretched(self, factor: float, *, asked: bool = False) -> Self:
+        """Return the plan with its motion stretched by a factor, on request or for limits; of a program, its waits stay."""
+        if factor == 1.0:
+            return self
+        limit_factor = 1.0 if asked else factor * self.limit_factor
+        return self.with_motion(self.trajectory.stretched(factor), limit_factor=limit_factor)
 
     def save(
         self, file: str | os.PathLike[str], *, format: str | os.PathLike[str] | None = None,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -11,9 +11,8 @@ import numpy as np
 
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput, NoSolution
-from optik.ik import SolverLike, Tolerance, get_solver
+from optik.ik import get_solver
 from optik.ik.problem import check_start
-from optik.scene import Scene
 from optik.types import Array
 from planners.certificate.certification import Conditions, conditions_for
 from planners.following.branches import CollisionCheck, find_branches
@@ -30,6 +29,7 @@ from planners.paths.joint_curve import JointCurve
 from planners.paths.joint_line import JointLine
 from planners.paths.poses import NO_LENGTH
 from planners.paths.program import ProgramPath
+from planners.planning.planner import PlanOptions
 from planners.planning.result import Plan
 from planners.program.parts import Part, Program, ToolChange, make_part_path
 
@@ -48,20 +48,8 @@ FOLLOWED = 0.95
 ADVICE = "another goal or path of this part, or joints as the goal of a part before it"
 """What to try if a part cannot be followed."""
 
-PlanAlone = Callable[..., Plan]
-"""`planners.plan` with the solver, the law and the criteria of the program, for a path or a goal and a start configuration."""
-
-
-class FollowOptions(NamedTuple):
-    """What a program is planned with."""
-
-    solver: SolverLike
-    limits: MotionLimits
-    samples: int
-    tolerance: Tolerance
-    scene: Scene | None
-    winding: str
-    search: Mapping[str, Any]
+PlanPath = Callable[[Robot, Any, Array | None, PlanOptions], Plan]
+"""Plans one path or goal from a start configuration."""
 
 
 class Leg(NamedTuple):
@@ -92,8 +80,8 @@ class PartFollower:
 
     robot: Robot
     program: Program
-    alone: PlanAlone
-    options: FollowOptions
+    plan_path: PlanPath
+    options: PlanOptions
 
     # ------------------------------------------------------------ following the parts
 
@@ -203,7 +191,10 @@ class PartFollower:
         share = options.tolerance.scale(0.5 * FOLLOWED)
         samples = min(options.samples, MOST_SAMPLES_A_PART)
         solver, (_, scene) = get_solver(robot, options.solver), self.find_conditions(robot)
-        return follow(solver, path, q, branch=branch, samples=samples, tolerance=share, scene=scene, **options.search)
+        return follow(
+            solver, path, q, branch=branch, samples=samples, tolerance=share, scene=scene, resolve=options.resolve,
+            time_limit=options.time_limit,
+        )  # fmt: skip
 
     def _follow_part(self, k: int, q: Array | None, chosen: Array | None) -> Leg | FailedPart:
         """Return a part followed from a configuration; `chosen` is the one of its goal, or of its start if there is none."""
@@ -336,7 +327,7 @@ class PartFollower:
     def plan_alone(self, robot: Robot, path: Any, q: Array | None, limits: MotionLimits, **given: Any) -> Plan:
         """Return the plan of a path for one arm of the program."""
         limits, scene = self.find_conditions(robot, limits)
-        return self.alone(robot, path, q, limits=limits, scene=scene, **given)
+        return self.plan_path(robot, path, q, replace(self.options, limits=limits, scene=scene, duration=None, **given))
 
     def find_conditions(self, robot: Robot, limits: MotionLimits | None = None) -> Conditions:
         """Return limits, by default those of the whole program, and the scene for one of its arms."""

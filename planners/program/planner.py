@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property, reduce
 from time import perf_counter
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import scipy
@@ -36,8 +36,8 @@ from planners.paths.point_to_point import PointToPoint
 from planners.paths.poses import NO_LENGTH
 from planners.paths.program import SAME_PLACE, ProgramPath
 from planners.paths.stretch import Stretch
-from planners.planning.planner import judge_certificate
-from planners.planning.result import Plan, PlanSeconds
+from planners.planning.planner import PlanOptions
+from planners.planning.result import Plan, PlanSeconds, judge_certificate
 from planners.program.events import (
     PathEvent,
     PeriodicEvent,
@@ -48,7 +48,7 @@ from planners.program.events import (
     list_places,
     round_to_periods,
 )
-from planners.program.following import FailedPart, FollowOptions, Leg, PartFollower, PlanAlone
+from planners.program.following import FailedPart, Leg, PartFollower, PlanPath
 from planners.program.joining import Corner, Sharp, join_parts, round_corners, sharpen
 from planners.program.parts import Dwell, Item, Move, Part, Program
 from planners.trajectory import Trajectory, append_rest, join, make_rest
@@ -248,6 +248,14 @@ class ProgramPlan(Plan):
         joined._set_polynomial(scipy.interpolate.PPoly(c, knots))
         return joined
 
+    def stretched(self, factor: float, *, asked: bool = False) -> Self:
+        """Return the plan with the motion of each section stretched by a factor, with the same waits."""
+        if factor == 1.0:
+            return self
+        sections = [section.stretched(factor, asked=asked) for section in self.sections]
+        plan = build_plan(sections, self.waits, self.parts, self.corners, self.limits, self.scene)
+        return replace(plan, scheduled=self.scheduled, period=self.period)  # type: ignore[return-value]
+
     def to_dict(self) -> dict[str, Any]:
         """Return plain data for files and programs: those of a plan, with the parts and the corners."""
         out = super().to_dict()
@@ -285,13 +293,19 @@ def build_plan(
     trajectory, begins = join_sections(moving, [lead, *after])
     proof = merge_certificates(path, which, trajectory, [p.certificate for p in moving], begins, limits)
     seconds = reduce(_add_seconds, [section.seconds for section in moving])
+    rest = lead + sum(after)
+
+    def whole_factor(name: str) -> float:
+        return (rest + sum(p.duration for p in moving)) / (rest + sum(p.duration / getattr(p, name) for p in moving))
+
     status, failure = judge_certificate(proof)
     span = None if covered is None else (proof.coverage.wanted[0], proof.coverage.wanted[1])
     first, last = moving[0], moving[-1]
     return ProgramPlan(
         first.robot, path, limits, status, first.solver, first.law, None, failure, trajectory, proof,
-        max(section.stretch_factor for section in moving), span, first.speed, scene, seconds, first.before, first.start_error,
-        last.stop_kind, sections=tuple(sections), waits=tuple(waits), parts=tuple(parts), corners=tuple(corners),
+        whole_factor("stretch_factor"), span, first.speed, scene, seconds, first.before, first.start_error, last.stop_kind,
+        limit_factor=whole_factor("limit_factor"), sections=tuple(sections), waits=tuple(waits), parts=tuple(parts),
+        corners=tuple(corners),
     )  # fmt: skip
 
 
@@ -388,7 +402,7 @@ NARROWER, MOST_NARROWER = 0.4, 3
 
 
 def plan_program(
-    robot: Robot, program: Program, q_start: Any, alone: PlanAlone, options: FollowOptions, duration: float | None
+    robot: Robot, program: Program, q_start: Any, plan_path: PlanPath, options: PlanOptions
 ) -> ProgramPlan:
     """Return the plan of a program."""
     q = None if q_start is None else check_start(robot, q_start, "q_start")
@@ -396,11 +410,11 @@ def plan_program(
         if np.ndim(options.limits.value(name)):
             expected = f"one number: a part has its own (Part.{name})"
             raise InvalidInput(f"limits.{name}", "more than one number", expected)
-    started, planner = perf_counter(), ProgramPlanner(PartFollower(robot, program, alone, options))
+    started, planner = perf_counter(), ProgramPlanner(PartFollower(robot, program, plan_path, options))
     legs, failed = planner.follower.follow_all(q)
     found = planner.fail(failed, legs) if failed is not None else planner.plan_sections(legs)
-    if found and duration is not None:
-        found = stretch_sections(found, duration)
+    if found and options.duration is not None:
+        found = stretch_sections(found, options.duration)
     _, timing, proof = found.seconds
     return replace(found, seconds=PlanSeconds(perf_counter() - started - timing - proof, timing, proof))
 
@@ -417,7 +431,7 @@ class ProgramPlanner:
         return self.follower.program
 
     @property
-    def options(self) -> FollowOptions:
+    def options(self) -> PlanOptions:
         """What the program is planned with."""
         return self.follower.options
 
@@ -570,12 +584,7 @@ def stretch_sections(found: ProgramPlan, duration: float) -> ProgramPlan:
     if not factor >= 1.0 - 1e-12:
         least = f"{found.duration:.6g} s, of which {waits:.6g} s are waits"
         raise InvalidInput("duration", f"{duration:g} s", f"at least {least}")
-    sections = []
-    for section in found.sections:
-        if section.speed is not None:
-            got = f"{duration:g} s, with a constant tool speed"
-            raise InvalidInput("duration", got, "none: the speed determines it")
-        slower = replace(section.motion, trajectory=section.trajectory.stretched(factor))
-        proof = slower.certify(rate=section.certificate.rate)
-        sections.append(replace(section, _trajectory=slower.trajectory, _certificate=proof))
-    return build_plan(sections, found.waits, found.parts, found.corners, found.limits, found.scene)
+    if any(section.speed is not None for section in found.sections):
+        got = f"{duration:g} s, with a constant tool speed"
+        raise InvalidInput("duration", got, "none: the speed determines it")
+    return found.stretched(factor, asked=True)

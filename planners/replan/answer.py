@@ -159,8 +159,7 @@ def _as_running(running: ProgramPlan, i: int, when: SectionTimes) -> Plan:
         if running.span is not None:
             a, b = (float(np.clip(s - path.starts[i], 0.0, section.path.end)) for s in running.span)
             span = a, b
-        moved = replace(section.motion, trajectory=motion, span=span, before=None)
-        section = replace(section, _trajectory=motion, _certificate=moved.certify(), span=span, before=None)
+        section = section.with_motion(motion, span=span, before=None)
     limits, scene = conditions_of(path, i, running.limits, running.scene)
     enforced = tuple(name for name in running.certificate.enforced if name in limits.names)
     return replace(section, _certificate=replace(section.certificate, enforced=enforced), scene=scene)

@@ -17,9 +17,8 @@ from optik.dynamics import torques_batch
 from optik.errors import InvalidInput, NoSolution
 from optik.types import Array
 from planners.certificate.analysis import MotionAnalysis
-from planners.planning.planner import judge_certificate
 from planners.planning.result import Plan
-from planners.program.planner import ProgramPlan, build_plan
+from planners.program.planner import ProgramPlan
 from planners.replan.answer import replan
 from planners.replan.state import s_at
 from planners.trajectory import Trajectory
@@ -46,36 +45,21 @@ class Stopping(NamedTuple):
     distance: Array
 
 
-def stretch_plan(plan: P, factor: float) -> P:
-    """Return the plan with its motion slowed by a factor, certified; of a program every section, with the same waits."""
-    if factor == 1.0:
-        return plan
-    if isinstance(plan, ProgramPlan):
-        sections = [stretch_plan(section, factor) for section in plan.sections]
-        slower = build_plan(sections, plan.waits, plan.parts, plan.corners, plan.limits, plan.scene)
-        return replace(slower, scheduled=plan.scheduled, period=plan.period)  # type: ignore[return-value]
-    motion = replace(plan.motion, trajectory=plan.trajectory.stretched(factor))
-    proof = motion.certify(rate=plan.certificate.rate)
-    status, failure = judge_certificate(proof)
-    changed = {"status": status, "failure": failure, "stretch_factor": factor * plan.stretch_factor}
-    return replace(plan, _trajectory=motion.trajectory, _certificate=proof, **changed)  # type: ignore[arg-type]
-
-
 def stretch_to_ends(plan: P, rms_torque: ArrayLike | None, cycle: float | None, *stopping: float | None) -> P:
     """Return the plan slowed until it respects the limits of `Plan.slowed_to`; the last are stopping time and distance."""
     most = _check(plan, rms_torque, cycle, *stopping)
     first = 1.0 if most is None else _rms_factor(plan, most, cycle)
     if stopping == (None, None):
-        return stretch_plan(plan, first)
+        return plan.stretched(first)
     limits = np.array([np.inf if x is None else x for x in stopping])
     place = 0.5
     for factor in first * FACTORS:
-        slower = stretch_plan(plan, float(factor))
+        slower = plan.stretched(float(factor))
         step = slower.duration / CHECKED_STEPS
         reached, place = _find_longest_stops(slower, step, limits, place)
         if (reached <= limits).all() and (most is None or _rms_ratio(slower, most, 1.0, cycle) <= 1.0):
             return _store_step(slower, step)
-    both = (stretch_plan(plan, float(4.0 * first)), slower)
+    both = (plan.stretched(float(4.0 * first)), slower)
     found = [_find_longest_stops(x, x.duration / CHECKED_STEPS, np.full(2, np.inf), place)[0] for x in both]
     least = np.min(found, axis=0)
     texts = f"a stopping time of {least[0]:.6g} s", f"a stopping distance of {least[1]:.6g} {plan.path.unit}"

@@ -14,7 +14,6 @@ from optik.errors import InvalidInput, NoSolution
 from optik.types import Array
 from planners import JointLine, Line, MotionLimits, Part, Plan, Program, ProgramPlan, make_law, plan, replan
 from planners.program import Dwell
-from planners.replan.finish import stretch_plan
 from planners.trajectory import Trajectory
 
 BENT = np.deg2rad([10.0, -80.0, 95.0, -105.0, -90.0, 20.0])
@@ -126,7 +125,7 @@ def test_the_rms_torque_meets_its_limit(cycle: float | None) -> None:
     usual = rms(free, cycle)
     still = rms(free.slowed_to(rms_torque=np.maximum(1.0001 * rms(free, cycle), 1e-3), cycle=cycle), cycle)
     np.testing.assert_allclose(still, usual, rtol=1e-6)  # unchanged
-    floor = rms(stretch_plan(free, 1.0 / 0.02 if cycle is None else cycle / free.duration), cycle)
+    floor = rms(free.stretched(1.0 / 0.02 if cycle is None else cycle / free.duration), cycle)
     most = np.where(usual > floor, floor + 0.7 * (usual - floor), 1e3)
     slower = free.slowed_to(rms_torque=most, cycle=cycle)
     assert slower and slower.duration > free.duration
@@ -190,6 +189,6 @@ def test_a_limit_below_all_stops_is_refused_with_the_least() -> None:
 
 def test_a_stop_that_needs_more_than_four_times_the_duration_is_found() -> None:
     usual = planned()
-    nearest = stretch_plan(usual, 5.0).stopping.distance.max()
+    nearest = usual.stretched(5.0).stopping.distance.max()
     found = usual.slowed_to(stopping_distance=float(nearest))
     assert found and found.stretch_factor == pytest.approx(8.0) and found.stopping.distance.max() <= nearest

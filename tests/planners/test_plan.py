@@ -1,5 +1,7 @@
+import inspect
 import json
 import pickle
+from dataclasses import fields
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -11,9 +13,12 @@ from optik.arm.library import load
 from optik.errors import InvalidInput, NoSolution, OptikError, OutputError, UnknownName
 from optik.ik import make_solver
 from planners import Arc, JointLine, Line, MotionLimits, Plan, Trajectory, laws, make_law, plan, replan
+from planners.cell.drives._ros_run import add_room
+from planners.cell.drives.base import fit_periods
 from planners.following.failure import FollowStatus
 from planners.following.joint_path import JointPath
 from planners.planning import PlanStatus
+from planners.planning.planner import PlanOptions
 from planners.timing import TimeLaw
 from tests import oracles
 from tests.oracles import PAPER
@@ -418,3 +423,37 @@ def test_robots_of_the_same_name_are_told_apart_by_what_differs():
         plan(other, path, START)
     with pytest.raises(InvalidInput, match=r"solver: .*which differs in payload"):
         plan(loaded, loaded.fk(START + 0.1), START, solver=make_solver(robot, "lm"))
+
+
+def test_a_stretch_is_the_ratio_of_the_durations_and_limits_are_named_where_they_caused_it() -> None:
+    usual, doubled = planned(timing="toppra", samples=151), planned(timing="toppra", samples=151, duration=10.0)
+    chosen, limited = usual.duration / usual.stretch_factor, usual.limit_factor
+    assert 1.0 < limited == usual.stretch_factor < 1.01
+    expected = (
+        (usual, limited), (doubled, 1.0), (fit_periods(usual, 0.3), limited), (add_room(usual), limited),
+        (usual.stretched(2.0), 2.0 * limited), (usual.stretched(2.0, asked=True), 1.0),
+    )  # fmt: skip
+    for result, factor in expected:
+        assert result.stretch_factor == pytest.approx(result.duration / chosen, rel=1e-12)
+        assert result.limit_factor == pytest.approx(factor, rel=1e-12)
+        assert ("to meet the limits" in str(result)) == (factor > 1.0)
+        assert result and result.certificate.duration == result.duration
+        assert result.to_dict()["slowed"] == result.stretch_factor
+    assert len({result.duration for result, _ in expected}) == len(expected) - 1
+
+
+def test_a_plan_with_another_motion_is_judged_anew() -> None:
+    usual = planned(timing="optimal", limits=LIMITS)
+    hasty = usual.with_motion(usual.trajectory.stretched(0.5))
+    assert usual and not hasty and hasty.status is PlanStatus.NOT_PROVED
+    assert hasty.failure is not None and "is not valid" in hasty.failure.reason and hasty.stretch_factor == 0.5
+    free = planned(timing="quintic", limits=LIMITS.scale(0.1))
+    assert free.status is free.stretched(1.01).status is PlanStatus.LIMITS_EXCEEDED
+    assert free.stretched(100.0).status is PlanStatus.SOLVED and free.stretched(100.0).failure is None
+
+
+def test_the_options_of_a_plan_have_the_defaults_of_its_arguments() -> None:
+    arguments = inspect.signature(plan).parameters
+    defaults = {one.name: one.default for one in fields(PlanOptions) if one.name != "limits"}
+    known = {*defaults, "robot", "path", "q_start", "limits", "reconfigurations"}
+    assert known == set(arguments) and defaults == {name: arguments[name].default for name in defaults}

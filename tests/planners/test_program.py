@@ -525,6 +525,8 @@ def test_a_duration_slows_the_motion_and_keeps_waits_shapes_and_speeds():
     items = Part(moves), Dwell(0.5), Part(Move(X, "base"), blend=0.01), Part(Move(Y, "base"))
     fast, slow = plan(*items), plan(*items, duration=6.0)
     assert slow and slow.duration == pytest.approx(6.0, abs=1e-9)
+    assert fast.stretch_factor == 1.0 and slow.stretch_factor == pytest.approx(6.0 / fast.duration, rel=1e-12)
+    assert slow.limit_factor == 1.0 and "to meet the limits" not in str(slow)
     assert slow.times[0].end - slow.times[0].rest == pytest.approx(0.5, abs=1e-9)
     for u in np.linspace(0.0, 1.0, 50):
         a, b = (each.trajectory(each.times[0].rest * u) for each in (fast, slow))

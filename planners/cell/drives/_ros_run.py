@@ -75,8 +75,7 @@ def make_message(plan: Plan, joint_names: JointNames, allow: Allow = ()) -> tupl
     Raises InvalidMotion, NoSolution or InvalidInput as `planners.to_ros` does.
     """
     message, sent = ros_message(motor_motion(plan), joint_names=joint_names, allow=allow)
-    stretch = plan.stretch_factor * sent.factor
-    return replace(plan, _trajectory=sent.trajectory, _certificate=sent.certificate, stretch_factor=stretch), message
+    return plan.with_motion(sent.trajectory, sent.certificate), message
 
 
 def motor_motion(plan: Plan) -> Motion:
@@ -94,12 +93,8 @@ def describe_exceeded(plan: Plan) -> str:
 
 
 def add_room(plan: Plan) -> Plan:
-    """Return the plan slowed by `ROOM`, or the plan itself if it has a requested tool speed."""
-    if plan.speed is not None:
-        return plan
-    return replace(
-        plan, _trajectory=plan.trajectory.stretched(1.0 + ROOM), stretch_factor=plan.stretch_factor * (1.0 + ROOM)
-    )
+    """Return the plan stretched by `ROOM`, or the plan itself if it has a requested tool speed."""
+    return plan if plan.speed is not None else plan.with_motion(plan.trajectory.stretched(1.0 + ROOM))
 
 
 def make_stops(sent: Plan, every: float, joint_names: JointNames, allow: Allow = ()) -> Stops:

@@ -74,11 +74,7 @@ def plan_hold(running: Plan, t: float, period: float) -> Plan:
     """Return the stop of a plan from a time at which the arm is at rest: it stays there for one period."""
     place = s_at(running, t)
     motion = make_rest(running.trajectory(t), period, place)
-    held = replace(running.motion, trajectory=motion, span=(place, place), before=None)
-    return replace(
-        running, _trajectory=motion, _certificate=held.certify(rate=running.certificate.rate), span=held.span, before=None,
-        stop_kind=StopKind.SWEEP,
-    )  # fmt: skip
+    return running.with_motion(motion, span=(place, place), before=None, stop_kind=StopKind.SWEEP)
 
 
 def is_at_rest(motion: Trajectory, t: float) -> bool:

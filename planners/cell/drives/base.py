@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from enum import StrEnum
 from math import ceil, pi
 from typing import ClassVar, NamedTuple
@@ -19,10 +19,9 @@ from optik.errors import InvalidInput
 from optik.registry import ClassName
 from optik.types import Array
 from planners.certificate.violation import Allow
-from planners.following.follow import PlanFailure
 from planners.motion import Motion
 from planners.motion.motion import Event
-from planners.plan import Plan, PlanStatus
+from planners.plan import Plan
 from planners.streams.stream import Stream, StreamReport
 from planners.trajectory import Trajectory
 from planners.trajectory.trajectory import SAME_INSTANT, sample_states
@@ -91,25 +90,10 @@ def fit_periods(plan: Plan, period: float = PERIOD) -> Plan:
 
 def stretch_to_duration(plan: Plan, duration: float) -> Plan:
     """Return a plan that begins at rest, slowed uniformly to a duration and certified again."""
-    motion, proof = plan.trajectory, plan.certificate
-    stretched = motion.stretched(
-        max(duration / motion.duration, 1.0)
-    )  # the last piece is shortened by the rounding error
-    knots = stretched.knots.copy()
-    knots[-1] = duration
-    moved = replace(plan.motion, trajectory=Trajectory(scipy.interpolate.PPoly(stretched.coefficients, knots)))
-    again = moved.certify(rate=proof.rate)
-    slower = replace(
-        plan,
-        _trajectory=moved.trajectory,
-        _certificate=again,
-        stretch_factor=plan.stretch_factor * duration / motion.duration,
-    )
-    if not plan or again.is_valid:
-        return slower
-    why = f"the certificate of the motion slowed to {duration:.9g} s is not valid: {'; '.join(again.reasons)}"
-    failure = PlanFailure(PlanStatus.NOT_PROVED, plan.joint_path.end, None, why, "another period")
-    return replace(slower, status=PlanStatus.NOT_PROVED, failure=failure)
+    motion = plan.trajectory.stretched(max(duration / plan.trajectory.duration, 1.0))
+    knots = motion.knots.copy()
+    knots[-1] = duration  # the last piece is shortened by the rounding error
+    return plan.with_motion(Trajectory(scipy.interpolate.PPoly(motion.coefficients, knots)))
 
 
 def make_setpoints(motion: Trajectory | Motion | Plan, period: float = PERIOD) -> Setpoints:
