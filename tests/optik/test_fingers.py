@@ -204,7 +204,7 @@ def test_enclosures_are_computed_once_and_damage_is_noticed(own_cache, monkeypat
     files = sorted(own_cache.iterdir())
     assert files
     with monkeypatch.context() as patch:
-        for name in ("urdf.enclose_body", "sweep._sweep"):  # nothing is enclosed again
+        for name in ("urdf.enclose_body", "enclosure._sweep"):  # nothing is enclosed again
             patch.setattr(f"optik.arm.shapes.{name}", None)
         again = optik.Robot.from_urdf(boxed(), "tip", shapes=True)
     assert again == first and again.shapes.excess.tobytes() == first.shapes.excess.tobytes()
