@@ -15,11 +15,11 @@ from optik import se3
 from optik.arm.robot import Robot
 from optik.check import check_count, check_number, format_value
 from optik.errors import InvalidInput
-from optik.ik import SolverLike
+from optik.ik import SolverLike, get_solver
 from optik.scene import Scene
 from optik.scene.contact import check_scene
 from optik.types import Array
-from planners.cell._task import CellTask, Equipment, make_settings
+from planners.cell._task import CellTask, Equipment
 from planners.cell.drives import make_drive
 from planners.cell.drives.base import Drive, StopRequest, Watcher
 from planners.cell.gripper import Gripper, HeldObject, check_width
@@ -27,13 +27,13 @@ from planners.cell.laser import MOST_READINGS, PanTiltLaser, find_truth, find_va
 from planners.cell.outcome import CellStatus, Outcome, Step
 from planners.cell.sighting import Follow, Look, Plane, Sighting, Spot, check_vectors
 from planners.limits import MotionLimits
-from planners.timing import LawLike
+from planners.timing import LawLike, make_law
 
 MOST_ROUNDS = 100
 """Largest number of corrections of one task: because of noise, the error no longer decreases after two or three."""
 
 
-class Cell:
+class Cell(Equipment):
     """The system of the paper: a laser unit and an arm on one platform, the control that plans, and the drive that executes.
 
     Everything is in the arm's base frame, as is the laser's pose, so the platform's pose moves both together.
@@ -92,7 +92,7 @@ class Cell:
             if not isinstance(value, kind) and (value is not None or name in ("robot", "laser")):
                 raise InvalidInput(name, format_value(value), f"a {kind.__name__}")
         check_count(seed, "seed", 0)
-        self.laser, self.unit, self._rng = laser, laser if unit is None else unit, np.random.default_rng(seed)
+        self.laser, self.unit, self.rng = laser, laser if unit is None else unit, np.random.default_rng(seed)
         self.base = se3.check_pose(np.eye(4) if base is None else base, "base")
         self._bare, self.gripper = robot, gripper
         self.held: HeldObject | None = None
@@ -176,7 +176,7 @@ class Cell:
         Spot
             One reading, or arrays (readings,).
         """
-        return read_point(self.unit, check_vectors(point, "point"), readings, self._rng)
+        return read_point(self.unit, check_vectors(point, "point"), readings, self.rng)
 
     def truth(self, spot: Spot, plane: Plane | None = None) -> tuple[Array, bool]:
         """Return the true point of a reading, and whether it is known; if not, the reading is taken as exact.
@@ -228,11 +228,6 @@ class Cell:
         return find_variance(self.laser, spot, plane)
 
     # ------------------------------------------------------------ tasks
-
-    def _equipment(self) -> Equipment:
-        return Equipment(
-            self.robot, self.drive, self.limits, self.scene, self.laser, self.unit, self._rng, self.base, tuple(self.notes),
-        )  # fmt: skip
 
     def move_to_spot(
         self,
@@ -286,13 +281,13 @@ class Cell:
         self._check_request(corrections, readings, most_replans, {"follow": follow, "look": look, "watch": watch})
         if not isinstance(spot, Spot):
             raise InvalidInput("spot", format_value(spot), "a planners.cell.Spot(pan, tilt, range)")
-        settings = make_settings(
-            timing, orientation=None if orientation is None else _rotation(orientation), corrections=corrections,
-            readings=readings, solver=solver, samples=samples, plane=plane, follow=follow, look=look, stop=stop, watch=watch,
-            true_spot=None if true_spot is None else check_vectors(true_spot, "true_spot"), most_replans=most_replans,
+        return CellTask(
+            self, make_law(timing), get_solver(self.robot, solver), self.notes, stop=stop, watch=watch,
+            orientation=None if orientation is None else _rotation(orientation), corrections=corrections,
+            readings=readings, samples=samples, plane=plane, follow=follow, look=look, most_replans=most_replans,
+            stated_spot=None if true_spot is None else check_vectors(true_spot, "true_spot"),
             moved=check_number(moved, "moved", "a distance above 0 [m]", above=0.0),
-        )  # fmt: skip
-        return CellTask(self._equipment(), settings).run(spot)
+        ).run(spot)  # fmt: skip
 
     def resume(
         self, outcome: Outcome, *, solver: SolverLike | None = None, stop: StopRequest | None = None,
@@ -326,15 +321,14 @@ class Cell:
         if not stopped or not outcome.executions or outcome.failed is None or outcome.failed.name != "execution":
             came = str(getattr(outcome, "status", format_value(outcome)))
             raise InvalidInput("outcome", came, "the outcome of a task that was stopped while the arm moved")
-        plan = outcome.executions[-1].plan
-        settings = make_settings("optimal", solver=plan.solver if solver is None else solver, stop=stop, watch=watch)
-        return CellTask(self._equipment(), settings).resume(outcome)
+        method = get_solver(self.robot, outcome.executions[-1].plan.solver if solver is None else solver)
+        return CellTask(self, make_law("optimal"), method, self.notes, stop, watch).resume(outcome)
 
     def _check_request(self, corrections: int, readings: int, most_replans: int, functions: dict[str, Any]) -> None:
         """Check the counts and the functions of a request; corrections on a real arm need a `look` function."""
-        for name, given in functions.items():
-            if given is not None and not callable(given):
-                raise InvalidInput(name, format_value(given), "a function")
+        for name, function in functions.items():
+            if function is not None and not callable(function):
+                raise InvalidInput(name, format_value(function), "a function")
         check_count(corrections, "corrections", 0, MOST_ROUNDS)
         check_count(readings, "readings", 1, MOST_READINGS)
         check_count(most_replans, "most_replans", 0)

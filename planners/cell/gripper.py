@@ -144,8 +144,8 @@ class Gripper:
 
     def _shapes(self, robot: Robot, grasp: Array, held: HeldObject | None) -> Any:
         """Return the arm's shapes with those of gripper and object."""
-        shapes, given = robot.shapes, ((self.shapes, robot.tool), (() if held is None else held.shapes, grasp))
-        for name, (objects, T) in zip(PARTS, given, strict=True):
+        shapes, parts = robot.shapes, ((self.shapes, robot.tool), (() if held is None else held.shapes, grasp))
+        for name, (objects, T) in zip(PARTS, parts, strict=True):
             if not len(objects):
                 continue
             if shapes is None:
