@@ -274,7 +274,7 @@ def piece_extrema(c: Array, h: Array, value: Array, when: Array) -> None:
             count = 0  # inner roots of the derivative one order higher
             for order in range(4, -1, -1):
                 degree = 5 - order
-                found = 0
+                at = 0
                 low, f_low = 0.0, a[order, 0]
                 least, most, at_least, at_most = f_low, f_low, 0.0, 0.0
                 for i in range(count + 1):
@@ -285,17 +285,17 @@ def piece_extrema(c: Array, h: Array, value: Array, when: Array) -> None:
                     if f_high > most:
                         most, at_most = f_high, high
                     if f_low * f_high < 0.0:
-                        roots[found] = _root(a[order], degree, low, high, f_low)
-                        found += 1
+                        roots[at] = _root(a[order], degree, low, high, f_low)
+                        at += 1
                     elif f_high == 0.0 and i < count:
-                        roots[found] = high
-                        found += 1
+                        roots[at] = high
+                        at += 1
                     low, f_low = high, f_high
                 if order < 4:
                     value[order, k, j, 0], value[order, k, j, 1] = least, most
                     when[order, k, j, 0], when[order, k, j, 1] = at_least, at_most
-                count = found
-                for i in range(found):
+                count = at
+                for i in range(at):
                     before[i] = roots[i]
 
 

@@ -252,7 +252,7 @@ def test_the_stop_that_is_sent_is_the_first_that_is_certified(monkeypatch: pytes
     module: Any = import_module("planners.cell.drives._run")
     both, t = module.find_stop_limits(running), 0.3 * running.trajectory.end
     assert [x.jerk is not None for x in both] == [True, True] and (both[0].jerk < both[1].jerk).all()
-    first = module.plan_stop(running, t)
+    first = module.plan_stop_at(running, t)
     assert first and first.limits == both[0]
 
     def refuses(*hopeless: MotionLimits) -> Any:
@@ -264,10 +264,10 @@ def test_the_stop_that_is_sent_is_the_first_that_is_certified(monkeypatch: pytes
         return other
 
     monkeypatch.setattr(module, "replan", refuses(both[0]))
-    second = module.plan_stop(running, t)
+    second = module.plan_stop_at(running, t)
     assert second and second.limits == both[1]
     monkeypatch.setattr(module, "replan", refuses(*both))
-    assert not module.plan_stop(running, t)
+    assert not module.plan_stop_at(running, t)
 
 
 @pytest.mark.parametrize(

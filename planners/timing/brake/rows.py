@@ -111,12 +111,12 @@ def cells_of(
     centres = [np.empty(0)]
     for kind in limits.kinds:
         if kind.order > 1 and kind.name in scales and kind.is_given(bounds[kind.name]):
-            found = kind.rows(at, bounds[kind.name])
-            padded = np.zeros((ends.size, found.shape[1], rows[kind.order][0].shape[2]))
-            padded[..., : found.shape[2]] = found
+            coefficients = kind.rows(at, bounds[kind.name])
+            padded = np.zeros((ends.size, coefficients.shape[1], rows[kind.order][0].shape[2]))
+            padded[..., : coefficients.shape[2]] = coefficients
             if kind.order == 2:  # rows of a pair are 0 in its middle
                 centre = _centre_of(bounds[kind.name])
-                centres.append(np.tile(centre, found.shape[1] // centre.size))
+                centres.append(np.tile(centre, coefficients.shape[1] // centre.size))
                 padded[..., 3] += centres[-1]
             rows[kind.order].append(padded / scales[kind.name])
     node, edge = (np.concatenate(each, axis=1) for each in rows.values())

@@ -241,13 +241,13 @@ def extra_rows(limits: MotionLimits, at: PathPoints, order: int) -> dict[str, Ar
 
 
 def build_rows(
-    joint_path: JointPath, limits: MotionLimits, s: Array, found: Array, around: tuple[Array, Array]
+    joint_path: JointPath, limits: MotionLimits, s: Array, along: Array, around: tuple[Array, Array]
 ) -> Rows:
     """Return the rows at path parameters s (K + 1,)."""
     after, before = around
-    at = PathPoints(joint_path, s, (*found[:3], np.vstack([after, before[-1:]])))
-    first = PathPoints(joint_path, s[:-1], (*found[:3, :-1], after))
-    last = PathPoints(joint_path, s[1:], (*found[:3, 1:], before))
+    at = PathPoints(joint_path, s, (*along[:3], np.vstack([after, before[-1:]])))
+    first = PathPoints(joint_path, s[:-1], (*along[:3, :-1], after))
+    last = PathPoints(joint_path, s[1:], (*along[:3, 1:], before))
     bounds = limits.bounds(joint_path.robot.n)
     node = [_pad(limits.rows("acceleration", at), 4)] if np.isfinite(bounds["acceleration"]).any() else []
     edge = [np.stack([_pad(limits.rows("jerk", side), 6) for side in (first, last)], axis=1)]
@@ -345,14 +345,14 @@ def dynamic_excess(value: Array, static: Array) -> Array:
 
 
 def torque_excess(
-    joint_path: JointPath, limits: MotionLimits, given: Rows, motion: Trajectory, values: tuple[Array, Array]
+    joint_path: JointPath, limits: MotionLimits, rows: Rows, motion: Trajectory, values: tuple[Array, Array]
 ) -> tuple[Array, Array]:
     """Return the ratios of torques and torque rates to their limits inside the pieces of a motion.
 
     They are computed only in pieces with a value near its limit at an end, because values differ little inside a piece.
     """
     robot, bounds = joint_path.robot, limits.bounds(joint_path.robot.n)
-    K, m, every = motion.knots.size - 1, given.lower.shape[1], given.node.shape[1]
+    K, m, every = motion.knots.size - 1, rows.lower.shape[1], rows.node.shape[1]
     rated = bool(np.isfinite(bounds["torque_rate"]).any())
     if not m and not rated:
         return np.empty((K, 0)), np.empty((K, 0))
@@ -364,15 +364,15 @@ def torque_excess(
     if not some.size:
         return torque, rate
     states = states_within(motion, some, BETWEEN_PLACES)
-    found = np.concatenate([_torques_of(robot.chain, load, states) for load in loads], axis=2)
-    found = found.reshape(BETWEEN_PLACES.size, some.size, 2, -1)
+    torques = np.concatenate([_torques_of(robot.chain, load, states) for load in loads], axis=2)
+    torques = torques.reshape(BETWEEN_PLACES.size, some.size, 2, -1)
     if m:
-        middle, half = middle_and_half(given.lower[some], given.upper[some])
+        middle, half = middle_and_half(rows.lower[some], rows.upper[some])
         share = BETWEEN_PLACES[:, None, None]
-        static = (1.0 - share) * given.static[some] + share * given.static[some + 1]
-        torque[some] = dynamic_excess((found[:, :, 0] - middle) / half, (static - middle) / half).max(axis=0)
+        static = (1.0 - share) * rows.static[some] + share * rows.static[some + 1]
+        torque[some] = dynamic_excess((torques[:, :, 0] - middle) / half, (static - middle) / half).max(axis=0)
     if rated:
-        rate[some] = (np.abs(found[:, :, 1]) / np.tile(bounds["torque_rate"], len(loads))).max(axis=0)
+        rate[some] = (np.abs(torques[:, :, 1]) / np.tile(bounds["torque_rate"], len(loads))).max(axis=0)
     return torque, rate
 
 
@@ -392,7 +392,7 @@ def _torques_of(chain: Chain, load: Load, states: Array) -> Array:
 
 
 def swept_rows(
-    joint_path: JointPath, limits: MotionLimits, s: Array, found: Array
+    joint_path: JointPath, limits: MotionLimits, s: Array, along: Array
 ) -> tuple[Array, Array, Array, Array]:
     """Return torques and torque rates as additional joints, for the sweeps of the initial guess.
 
@@ -405,7 +405,7 @@ def swept_rows(
         return none, none, none, np.empty((2, 0))
     first, second, third, most = [none], [none], [none], [np.empty((2, 0))]
     every = np.unique(np.append(np.arange(0, s.size, SWEPT_EVERY), s.size - 1))
-    at = PathPoints(joint_path, s[every], tuple(np.ascontiguousarray(x[every]) for x in found))
+    at = PathPoints(joint_path, s[every], tuple(np.ascontiguousarray(x[every]) for x in along))
     second_order = [*extra_rows(limits, at, 2).values()]
     if np.isfinite(bounds["torque"]).any():
         row, lower, upper = _torques(at, bounds["torque"])
