@@ -448,7 +448,7 @@ def scene_from_toml(text: str) -> dict[str, Any]:
             required, optional = ROW_KEYS[kind]
             read_record(row, required, where, optional=optional)
             objects[kind].append(_object(kind, row, where))
-            names.append(read_word(row.get("name", f"{_singular(kind)}{i + 1}"), f"{where}.name"))
+            names.append(read_word(row.get("name", name_object(kind, i)), f"{where}.name"))
     margin = check_number(data.get("margin_mm", 0.0), "scene.margin_mm", "millimetres, 0 or more", least=0.0) / 1000.0
     return {**objects, "allow": data.get("allow", ()), "names": tuple(names), "margin": margin}
 
@@ -475,8 +475,10 @@ def _object(kind: str, row: Mapping[str, Any], where: str) -> tuple[Any, ...] | 
     return (*(lengths(key) for key in (("centre_mm",) if kind == "spheres" else ("a_mm", "b_mm"))), radius)
 
 
-def _singular(kind: str) -> str:
-    return {"boxes": "box", "meshes": "mesh"}.get(kind, kind.removesuffix("s"))
+def name_object(kind: str, i: int) -> str:
+    """Return the default name of object i of a kind: box1, …."""
+    word = {"boxes": "box", "meshes": "mesh"}.get(kind, kind.removesuffix("s"))
+    return f"{word}{i + 1}"
 
 
 def scene_to_dict(scene: Mapping[str, Any]) -> dict[str, Any]:

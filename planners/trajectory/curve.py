@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from optik.compiled import compiled
 from optik.errors import InvalidInput
-from optik.types import Array
+from optik.types import Array, Indices
 
 CHAIN = ((1.0,), (1.0, 1.0), (1.0, 3.0, 1.0))
 """Faà di Bruno's formula: factors of f', f'', f''' in the first, second and third derivative of f(s(t))."""
@@ -107,6 +107,30 @@ def evaluate(c: Array, knots: Array, x: Array, order: int, out: Array) -> None:
                 value += term * power
                 power *= u
             out[i, n] = value
+
+
+def piece_at(knots: Array, t: Array) -> Indices:
+    """Return, for each time, the index of the piece of the motion that contains it."""
+    return np.clip(np.searchsorted(knots, t, side="right") - 1, 0, knots.size - 2)
+
+
+def evaluate_quintics(c: Array, piece: Indices, u: Array) -> Array:
+    """Return q and its derivatives (4, k, n) at times u (k,) after the first knots of pieces of quintics (6, m, n)."""
+    out = np.empty((4, u.size, c.shape[2]))
+    _write_quintics(c, piece, u, out)
+    return out
+
+
+@compiled
+def _write_quintics(c: Array, piece: Indices, u: Array, out: Array) -> None:
+    for i in range(u.shape[0]):
+        k, x = piece[i], u[i]
+        for n in range(c.shape[2]):
+            c0, c1, c2, c3, c4 = c[0, k, n], c[1, k, n], c[2, k, n], c[3, k, n], c[4, k, n]
+            out[0, i, n] = c[5, k, n] + x * (c4 + x * (c3 + x * (c2 + x * (c1 + x * c0))))
+            out[1, i, n] = c4 + x * (2.0 * c3 + x * (3.0 * c2 + x * (4.0 * c1 + x * 5.0 * c0)))
+            out[2, i, n] = 2.0 * c3 + x * (6.0 * c2 + x * (12.0 * c1 + x * 20.0 * c0))
+            out[3, i, n] = 6.0 * c2 + x * (24.0 * c1 + x * 60.0 * c0)
 
 
 @compiled

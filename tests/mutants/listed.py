@@ -441,7 +441,7 @@ LISTED: tuple[tuple[str, str, str], ...] = (
     ("planners/certificate/effort.py", "joints[:, 1], joints[:, 2]", "joints[:, 1], joints[:, 3]"),
     ("planners/certificate/effort.py", "(rates[0] - rates[1])", "(rates[0] + rates[1])"),
     ("planners/cell/calibration.py", "(1.0 - CONFIDENCE) / readings.m)", "1.0 - CONFIDENCE)"),
-    ("planners/cell/drives/_run.py", "off[i] > options.end[i]", "off[i] > 2.0 * options.end[i]"),
+    ("planners/cell/drives/_run.py", "elif off[i] > most:", "elif off[i] > 2.0 * most:"),
     ("planners/cell/drives/_run.py", "GREATEST_STEP = 1.0 + 1e-6", "GREATEST_STEP = 2.0"),
     ("planners/cell/drives/_run.py", "        if found:", "        if True:"),
     ("planners/cell/drives/mujoco.py", "if difference != difference:", "if False:"),

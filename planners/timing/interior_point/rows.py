@@ -19,6 +19,7 @@ from planners.limits import MotionLimits, PathPoints, kind_of
 from planners.limits.base import middle_and_half, sides
 from planners.limits.kinds import torque_rate_rows, torque_rows
 from planners.trajectory import Trajectory
+from planners.trajectory.curve import evaluate_quintics, piece_at
 
 # ---------------- time optimum under velocity and acceleration limits, and a smooth initial guess from it
 
@@ -128,9 +129,9 @@ def filter_motion(t: Array, s: Array, v: Array, width: float, at: Array, out: Ar
 
 def derivatives(joint_path: JointPath, s: Array) -> Array:
     """Return q, q', q'' and q''' at increasing path parameters, clamped to the path; at a node the right-hand values."""
-    out = np.empty((4, s.size, joint_path.robot.n))
-    _derivatives(joint_path.nodes, joint_path.coefficients, np.ascontiguousarray(s), out)
-    return out
+    at = np.clip(s, joint_path.nodes[0], joint_path.nodes[-1])
+    piece = piece_at(joint_path.nodes, at)
+    return evaluate_quintics(joint_path.coefficients, piece, at - joint_path.nodes[piece])
 
 
 def distances(joint_path: JointPath, s: Array, state: Array, tau: Array, ends: Array) -> Array:
@@ -150,21 +151,6 @@ def _piece(x: Array, s: float, k: int) -> int:
     while k < x.shape[0] - 2 and s >= x[k + 1]:
         k += 1
     return k
-
-
-@compiled
-def _derivatives(x: Array, c: Array, s: Array, out: Array) -> None:
-    k, n = 0, c.shape[2]
-    for i in range(s.shape[0]):
-        at = min(max(s[i], x[0]), x[-1])
-        k = _piece(x, at, k)
-        u = at - x[k]
-        for j in range(n):
-            c0, c1, c2, c3, c4 = c[0, k, j], c[1, k, j], c[2, k, j], c[3, k, j], c[4, k, j]
-            out[0, i, j] = c[5, k, j] + u * (c4 + u * (c3 + u * (c2 + u * (c1 + u * c0))))
-            out[1, i, j] = c4 + u * (2.0 * c3 + u * (3.0 * c2 + u * (4.0 * c1 + u * 5.0 * c0)))
-            out[2, i, j] = 2.0 * c3 + u * (6.0 * c2 + u * (12.0 * c1 + u * 20.0 * c0))
-            out[3, i, j] = 6.0 * c2 + u * (24.0 * c1 + u * 60.0 * c0)
 
 
 @compiled
