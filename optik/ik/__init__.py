@@ -12,10 +12,12 @@ from numpy.typing import ArrayLike
 from optik.arm.plain import describe_difference
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
-from optik.ik._collision_free import solve_collision_free
 from optik.ik.base import IKBatch, IKResult, IKSolver, IKStatus, Tolerance
+from optik.ik.problem import check_problem, sample_restart
 from optik.plugins.files import is_path
 from optik.registry import build_method, load_method, names, own_names
+from optik.scene import Scene
+from optik.scene.contact import Contact, check_scene, find_contact
 from optik.types import content
 
 if TYPE_CHECKING:
@@ -24,7 +26,6 @@ if TYPE_CHECKING:
     from optik.ik.ipopt import IPOPT
     from optik.ik.lm import LM
     from optik.ik.sqp import SQP
-    from optik.scene import Scene
 
 SolverLike: TypeAlias = str | os.PathLike[str] | type[IKSolver] | IKSolver
 """An IK method: its name, file or class, or a solver that is built for the arm."""
@@ -46,6 +47,10 @@ __all__ = [
     "solve_ik_batch",
     "solvers",
 ]
+
+
+COLLISION_FREE_SEEDS = 100
+"""Least number of additional initial guesses. A call of `lm` takes microseconds, and a 6R arm usually has eight branches."""
 
 
 def solvers() -> tuple[str, ...]:
@@ -159,8 +164,37 @@ def solve_ik(
     if scene is not None:
         if closest:
             raise InvalidInput("closest", "True with a scene", "one of the two: the nearest pose may collide")
-        return solve_collision_free(get_solver(robot, solver, options), target, q0, scene, trace)
+        return _solve_collision_free(get_solver(robot, solver, options), target, q0, scene, trace)
     return get_solver(robot, solver, options).solve(target, q0, trace=trace, closest=closest)
+
+
+def _solve_collision_free(solver: IKSolver, target: ArrayLike, q0: ArrayLike, scene: Scene, trace: bool) -> IKResult:
+    """Find a configuration whose tool pose is the target and which collides neither with a scene nor with itself."""
+    robot = solver.robot
+    check_scene(robot, scene)
+    first = best = solver.solve(target, q0, trace=trace)
+    pose, start = check_problem(robot, target, q0)
+    iterations, solutions, least = 0, 0, Contact(-float("inf"), 0.0, ("", ""))
+    for restart in range(max(COLLISION_FREE_SEEDS, solver.max_restarts) + 1):
+        again = sample_restart(robot, pose, start, restart) if restart else start
+        result = solver.solve(pose, again, trace=trace) if restart else first
+        iterations += result.iterations
+        if not result:
+            if result.status is IKStatus.UNREACHABLE:
+                break
+            continue
+        near = find_contact(robot, scene, result.q)
+        if near.room > 0.0:
+            return result._replace(iterations=iterations, restarts=max(restart, result.restarts))
+        solutions += 1
+        if near.room > least.room:
+            best, least = result, near
+    if not solutions:
+        return first
+    one, other = least.pair
+    gap = f"the best has {1e3 * least.distance:.3g} mm between {one} and {other}"
+    words = f"all {solutions} solutions found are closer than the margin or in contact; {gap}"
+    return best._replace(status=IKStatus.IN_CONTACT, iterations=iterations, message=words)
 
 
 def solve_ik_batch(

@@ -15,7 +15,7 @@ from optik.arm.robot import Robot
 from optik.check import check_count, check_flag, check_number
 from optik.errors import InvalidInput, Unsupported
 from optik.ik._gauss_newton import find_nearest_pose
-from optik.ik.analytic.branches import windings
+from optik.ik.branches import windings
 from optik.ik.problem import (
     IK_TOLERANCE,
     STATUS_OF_CODE,

@@ -114,9 +114,9 @@ def segment_cloud(a: Triple, b: Triple, solids: Array, i: int) -> NearestPoint:
             continue
         for k in range(SOLID_WIDTH):
             p = (solids[row + 1, k], solids[row + 2, k], solids[row + 3, k])
-            found, place, off = _offset(a, d, scale, p)
-            if found < best:
-                best, share, w = found, place, off
+            square_distance, place, off = _offset(a, d, scale, p)
+            if square_distance < best:
+                best, share, w = square_distance, place, off
         reach = min(reach, sqrt(best) + DISTANCE_ROUNDING)
     length = sqrt(best)
     distance = length - solids[head, 8]

@@ -68,8 +68,8 @@ def find_pairs(robot: Robot, scene: Scene) -> Pairs:
     examined = scene.pair_mask(robot)
     assert robot.shapes is not None
     shapes, link = robot.shapes, robot.shapes.capsules[0]
-    own = [(i, j, SELF) if link[i] > link[j] else (j, i, SELF) for i, j in shapes.pairs.tolist()]
-    own.sort(key=lambda pair: (link[pair[0]], link[pair[1]]))  # so that two links are one block
+    between_links = [(i, j, SELF) if link[i] > link[j] else (j, i, SELF) for i, j in shapes.pairs.tolist()]
+    between_links.sort(key=lambda pair: (link[pair[0]], link[pair[1]]))  # so that two links are one block
     kinds = [(i, BOX) for i in range(len(scene.boxes))]
     kinds += [(i, ROUND) for i in range(len(scene.spheres) + len(scene.capsules))]
     kinds += [(i, PLANE) for i in range(len(scene.planes))] + [(i, CYLINDER) for i in range(len(scene.cylinders))]
@@ -80,13 +80,13 @@ def find_pairs(robot: Robot, scene: Scene) -> Pairs:
     column = np.repeat(np.arange(len(counts)), counts)
     met = np.argwhere(examined[:, column] & (link > 0)[:, None]).tolist()
     names = [(shapes.names[k], scene.names[column[j]]) for k, j in met]
-    names += [(shapes.names[k], shapes.names[i]) for k, i, _ in own]
+    names += [(shapes.names[k], shapes.names[i]) for k, i, _ in between_links]
     left = {(shapes.names[k], "scene"): STILL for k in np.flatnonzero(link == 0) if scene.names}
     hulls = _find_hulls(shapes, scene)
     left |= _find_still_contacts(robot, scene, kinds, column, hulls)
     left |= {(shapes.names[k], scene.names[j]): ALLOWED for k, j in np.argwhere(~examined).tolist() if link[k]}
     left_out = (*((*pair, why) for pair, why in left.items()), *shapes.left_out)
-    bodies = np.array([(k, *kinds[j]) for k, j in met] + own, np.int64).reshape(-1, 3)
+    bodies = np.array([(k, *kinds[j]) for k, j in met] + between_links, np.int64).reshape(-1, 3)
     return Pairs(bodies, tuple(names), left_out, hulls)
 
 
@@ -375,11 +375,11 @@ def rooms_batch(chain: Chain, bodies: Bodies, q: Array, margin: float, room: Arr
             bound = bound_distance(read_row(spheres, m), spheres[m, 3], kind, i, scene, spheres)
             if bound > 0.0 and bound - DISTANCE_ROUNDING - thick > room[k]:
                 continue
-            found = find_nearest((m, i, kind), scene, places)[0] - thick
-            if found <= HULLS_FROM and hulls[0].shape[0] > 0:
+            distance = find_nearest((m, i, kind), scene, places)[0] - thick
+            if distance <= HULLS_FROM and hulls[0].shape[0] > 0:
                 least = max(room[k] + (margin if kind != SELF else 0.0), 0.0) + DISTANCE_ROUNDING
                 finer = refine((m, i, kind), scene, hulls, frame, least, seed)[0]
                 if finer > 0.0:
-                    found = max(found, finer - (margin if kind != SELF else 0.0))
-            if found < room[k]:
-                room[k], which[k] = found, p
+                    distance = max(distance, finer - (margin if kind != SELF else 0.0))
+            if distance < room[k]:
+                room[k], which[k] = distance, p

@@ -97,9 +97,9 @@ def segment_segment(a: Triple, b: Triple, c: Triple, d: Triple) -> NearestPoint:
         high = first if piece == 0 else (second if piece == 1 else 1.0)
         if high > low or piece == 0:
             right = _difference_from_segment(_point_at(a, u, high), c, v, square)
-            found, share = _nearest_to_origin(left, right)
-            if best < 0.0 or found < best:
-                best, place = found, low + share * (high - low)
+            distance, share = _nearest_to_origin(left, right)
+            if best < 0.0 or distance < best:
+                best, place = distance, low + share * (high - low)
             low, left = high, right
     w = _difference_from_segment(_point_at(a, u, place), c, v, square)
     return sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2]), place, w
@@ -372,19 +372,19 @@ class Hull(NamedTuple):
 def check_mesh(value: Any, where: str, largest: float) -> Array:
     """Check corners (k, 3) of a convex solid, or triangles (k, 3, 3) of a convex mesh [m]; return the corners."""
     expected = "corners (k, 3) of a convex solid, or triangles (k, 3, 3) of a convex mesh"
-    given = real_array(value, where, expected)
-    if given.ndim not in (2, 3) or given.shape[1:] not in ((3,), (3, 3)) or len(given) < 4:
-        raise InvalidInput(where, f"an array of shape {given.shape}", expected)
-    if not np.isfinite(given).all():
-        raise InvalidInput(where, format_value(given), "finite coordinates")
-    if (far := float(np.abs(given).max())) > largest:
+    mesh = real_array(value, where, expected)
+    if mesh.ndim not in (2, 3) or mesh.shape[1:] not in ((3,), (3, 3)) or len(mesh) < 4:
+        raise InvalidInput(where, f"an array of shape {mesh.shape}", expected)
+    if not np.isfinite(mesh).all():
+        raise InvalidInput(where, format_value(mesh), "finite coordinates")
+    if (far := float(np.abs(mesh).max())) > largest:
         raise InvalidInput(
             where, f"a coordinate of {far:.6g} m", f"metres (within {largest:g}): looks like millimetres"
         )
-    corners = np.unique(given.reshape(-1, 3), axis=0) if given.ndim == 3 else given
+    corners = np.unique(mesh.reshape(-1, 3), axis=0) if mesh.ndim == 3 else mesh
     hull = find_hull(corners, where)
-    if given.ndim == 3:
-        if (out := _measure_dents(given, corners)) > CONVEX:
+    if mesh.ndim == 3:
+        if (out := _measure_dents(mesh, corners)) > CONVEX:
             got = f"a mesh that is not convex: corners lie {100.0 * out:.3g} % of its size in front of a triangle"
             raise InvalidInput(where, got, "a convex mesh; divide it, or pass its corners for the convex hull")
         corners = hull.corners
@@ -527,6 +527,6 @@ def segment_mesh(a: Triple, b: Triple, corners: Array, faces: Array, edges: Arra
         if depth > 0.0:
             return -depth, place, (-depth * n[0], -depth * n[1], -depth * n[2])
         bound = max(bound, -depth)
-    found = length if length - bound <= 1e3 * MESH_ERROR else max(bound, 0.0)
-    scale = found / length if length > 0.0 else 0.0
-    return found, share, (scale * v[0], scale * v[1], scale * v[2])
+    distance = length if length - bound <= 1e3 * MESH_ERROR else max(bound, 0.0)
+    scale = distance / length if length > 0.0 else 0.0
+    return distance, share, (scale * v[0], scale * v[1], scale * v[2])

@@ -242,10 +242,10 @@ def scene_from_moveit(text: str, suffix: str = ".yaml") -> dict[str, Any]:
         if operation not in ADD:
             raise InvalidInput(f"{where}.operation", format_value(operation), "ADD (0) or REMOVE (1)")
         T = frames.find(one, where) @ read_pose_message(one.get("pose") or {}, f"{where}.pose")
-        found = list(_read_object(one, name, T, where))
-        if not found:
+        shapes = list(_read_object(one, name, T, where))
+        if not shapes:
             raise InvalidInput(where, f"{name!r} without parts", "primitives, planes or meshes")
-        parts += found
+        parts += shapes
     order = ("boxes", "spheres", "planes", "cylinders", "meshes")
     parts.sort(key=lambda part: order.index(part[0]))  # the order of names in a `Scene`
     objects = {kind: [one for other, _, one in parts if other == kind] for kind in order}
@@ -375,19 +375,19 @@ def _read_allowed(matrix: Any, objects: set[str]) -> list[tuple[str, str]]:
         for key in ("entry_names", "default_entry_names")
     )
     rows = read_list(matrix.get("entry_values") or [], f"{where}.entry_values", f"{len(names)} rows", len(names))
-    found = {}
+    allowed = {}
     for name, row in zip(names, rows, strict=True):
         flags = row.get("enabled") if isinstance(row, dict) else row
         flags = read_list(flags, f"{where}.entry_values", f"{len(names)} of true or false in each row", len(names))
         for other, flag in zip(names, flags, strict=True):
             if flag is True and name not in objects and other in objects:
-                found[name, other] = True
+                allowed[name, other] = True
     flags = read_list(matrix.get("default_entry_values") or [], f"{where}.default_entry_values", "flags", len(every))
     for name, flag in zip(every, flags, strict=True):
         for link in names:
             if flag is True and name in objects and link not in objects:
-                found[link, name] = True
-    return list(found)
+                allowed[link, name] = True
+    return list(allowed)
 
 
 # ---------------- readers of scenes
@@ -448,7 +448,7 @@ def scene_from_toml(text: str) -> dict[str, Any]:
             required, optional = ROW_KEYS[kind]
             read_record(row, required, where, optional=optional)
             objects[kind].append(_object(kind, row, where))
-            names.append(read_word(row.get("name", f"{_singular(kind)}{i + 1}"), f"{where}.name"))
+            names.append(read_word(row.get("name", name_object(kind, i)), f"{where}.name"))
     margin = check_number(data.get("margin_mm", 0.0), "scene.margin_mm", "millimetres, 0 or more", least=0.0) / 1000.0
     return {**objects, "allow": data.get("allow", ()), "names": tuple(names), "margin": margin}
 
@@ -475,8 +475,10 @@ def _object(kind: str, row: Mapping[str, Any], where: str) -> tuple[Any, ...] | 
     return (*(lengths(key) for key in (("centre_mm",) if kind == "spheres" else ("a_mm", "b_mm"))), radius)
 
 
-def _singular(kind: str) -> str:
-    return {"boxes": "box", "meshes": "mesh"}.get(kind, kind.removesuffix("s"))
+def name_object(kind: str, i: int) -> str:
+    """Return the default name of object i of a kind: box1, …."""
+    word = {"boxes": "box", "meshes": "mesh"}.get(kind, kind.removesuffix("s"))
+    return f"{word}{i + 1}"
 
 
 def scene_to_dict(scene: Mapping[str, Any]) -> dict[str, Any]:
@@ -540,9 +542,9 @@ def scene_from_urdf(
                 a, b = (T[:3, :3] @ end + T[:3, 3] for end in (c.a, c.b))
                 one = (a, c.radius) if kind == "sphere" else (a, b, c.radius)
                 objects["spheres" if kind == "sphere" else "capsules"].append((link, one, c.excess))
-    found = [one for kind in objects.values() for one in kind]
-    if not found:
+    listed = [one for kind in objects.values() for one in kind]
+    if not listed:
         raise RobotModelError(tree.name, "no <collision> on any link")
     shapes = {kind: [one for _, one, _ in rows] for kind, rows in objects.items()}
-    excess = np.array([e for *_, e in found])
-    return {**shapes, "names": make_unique([name for name, *_ in found]), "excess": excess}
+    excess = np.array([e for *_, e in listed])
+    return {**shapes, "names": make_unique([name for name, *_ in listed]), "excess": excess}

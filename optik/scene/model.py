@@ -17,11 +17,11 @@ from optik.arm.limits import freeze
 from optik.arm.shapes.check import check_excess, check_length, check_point
 from optik.arm.shapes.enclosure import Capsule, complete_frame, enclose_cylinder, enclose_mesh, enclose_objects
 from optik.card import Card
-from optik.check import check_number, check_words, format_value
+from optik.check import check_number, check_words, format_value, locate_error
 from optik.errors import InvalidInput, UnknownName
 from optik.scene.cloud import check_points, pack_cloud
 from optik.scene.distance import check_mesh, find_hull, pack_solids
-from optik.scene.files import OBJECT_KINDS, SCENE_KEYS, load_scene, scene_from_dict, scene_to_dict
+from optik.scene.files import OBJECT_KINDS, SCENE_KEYS, load_scene, name_object, scene_from_dict, scene_to_dict
 from optik.tables import warn_of_assumptions
 from optik.types import Array, Flags, content
 
@@ -177,8 +177,7 @@ class Scene:
             if not scene.names and Path(file).suffix.lower() != ".json":
                 raise InvalidInput("scene", "no objects", "at least one object")
         except InvalidInput as error:
-            where = f"{Path(file).name}: {error.argument}"
-            raise InvalidInput(where, error.got, error.expected, advice=error.advice) from None
+            raise locate_error(Path(file).name, error) from None
         warn_of_assumptions(file, scene.notes)
         return scene
 
@@ -430,8 +429,7 @@ def _plane(value: Any, where: str) -> tuple[Array, Array]:
 
 
 def _check_names(value: Any, counts: Sequence[int]) -> tuple[str, ...]:
-    words = ("box", "sphere", "capsule", "plane", "cylinder", "mesh", "cloud")
-    default = [f"{word}{i + 1}" for word, count in zip(words, counts, strict=True) for i in range(count)]
+    default = [name_object(kind, i) for kind, count in zip(OBJECT_KINDS, counts, strict=True) for i in range(count)]
     names = check_words(value, "scene.names") or tuple(default)
     if len(names) != len(default) or len(set(names)) != len(names):
         got = f"{len(names)} names, {len(set(names))} different"

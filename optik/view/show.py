@@ -38,30 +38,6 @@ class Track(NamedTuple):
     torque: Array | None = None
     jerk: Array | None = None
 
-    def at(self, time: float) -> tuple[Array, Array]:
-        """Return the state at a time; at rest outside of the motion.
-
-        Parameters
-        ----------
-        time : float
-            Since the start [s].
-
-        Returns
-        -------
-        tuple of arrays
-            Configuration (n,) [rad, m] and velocities (n,) [rad/s, m/s].
-        """
-        t, q, dq = self[:3]
-        if time <= t[0] or len(t) == 1:
-            return q[0], dq[0] if time == t[0] else np.zeros_like(dq[0])
-        if time >= t[-1]:
-            return q[-1], dq[-1] if time == t[-1] else np.zeros_like(dq[-1])
-        k = int(np.searchsorted(t, time, side="right")) - 1
-        h = t[k + 1] - t[k]
-        u, a, b = (time - t[k]) / h, h * dq[k], h * dq[k + 1]
-        c, d = 3.0 * (q[k + 1] - q[k]) - 2.0 * a - b, 2.0 * (q[k] - q[k + 1]) + a + b
-        return q[k] + u * (a + u * (c + u * d)), (a + u * (2.0 * c + 3.0 * u * d)) / h
-
 
 class Beam(NamedTuple):
     """A laser beam: its origin at the unit and its spot, (3,) each, in the arm's base frame [m]."""

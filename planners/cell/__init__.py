@@ -2,7 +2,7 @@
 
 from optik.arm.mjcf_writer import mujoco_model, to_mjcf
 from planners.cell.calibration import Calibration, CalibrationStatus, calibrate
-from planners.cell.cell import Cell
+from planners.cell.cell import Cell, Gripper, HeldObject
 from planners.cell.drives import Drive, SimulatedDrive, drives, make_drive
 from planners.cell.drives.base import (
     Execution,
@@ -17,7 +17,6 @@ from planners.cell.drives.base import (
 from planners.cell.drives.ideal import IdealDrive
 from planners.cell.drives.mujoco import MujocoDrive
 from planners.cell.drives.ros import RosDrive
-from planners.cell.gripper import Gripper, HeldObject
 from planners.cell.laser import PanTiltLaser
 from planners.cell.outcome import (
     CellStatus,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import inf
 from time import perf_counter
 from typing import Any
@@ -15,7 +15,7 @@ from optik.arm.motors import find_outside
 from optik.arm.reach import ask_unit, outside_reach, reach_bound
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
-from optik.ik import SolverLike, get_solver
+from optik.ik import IKSolver
 from optik.scene import Scene
 from optik.task import POSE
 from optik.types import Array
@@ -27,7 +27,7 @@ from planners.following.failure import joint_unit
 from planners.limits import MotionLimits
 from planners.paths.line import Line
 from planners.plan import Plan, PlanStatus, plan
-from planners.timing import LawLike, TimeLaw, make_law
+from planners.timing import TimeLaw
 
 NO_MOVE = 1e-9
 """Largest length of a line for which the tool counts as at its target [m, or rad]: a thousandth of the encoders' resolution."""
@@ -61,9 +61,8 @@ TAKEN_AS_EXACT = (
 """Note on an outcome whose reading was not made by `Cell.read`."""
 
 
-@dataclass(frozen=True, eq=False)
 class Equipment:
-    """The equipment of a task: what a `Cell` consists of when the task begins."""
+    """What a task uses of its cell."""
 
     robot: Robot
     drive: Drive
@@ -73,27 +72,6 @@ class Equipment:
     unit: PanTiltLaser  # the true unit of a simulation
     rng: np.random.Generator  # of the noise of its readings
     base: Array
-    notes: tuple[str, ...]
-
-
-@dataclass(frozen=True, eq=False)
-class TaskSettings:
-    """The settings of a task; see `Cell.move_to_spot`."""
-
-    law: TimeLaw
-    solver: SolverLike
-    stop: StopRequest | None
-    watch: Watcher | None
-    orientation: Array | None = None
-    corrections: int = 0
-    readings: int = 1
-    samples: int = 151
-    plane: Plane | None = None
-    true_spot: Array | None = None
-    follow: Follow | None = None
-    moved: float = inf
-    most_replans: int = 0
-    look: Look | None = None
 
 
 class StepFailed(Exception):
@@ -103,23 +81,37 @@ class StepFailed(Exception):
         self.status = status
 
 
+@dataclass(eq=False)
 class CellTask:
-    """A running task with its steps so far and their results."""
+    """A running task: its settings, as `Cell.move_to_spot` describes them, and its steps so far with their results."""
 
-    def __init__(self, cell: Equipment, settings: TaskSettings) -> None:
-        self.cell, self.settings = cell, settings
-        self.solver = get_solver(cell.robot, settings.solver)
-        self.steps: list[Step] = []
-        self.rounds: list[Round] = []
-        self.along: list[PathSplit] = []
-        self.spot: Array | None = None
-        self.true_spot: Array | None = None
-        self.target: Array | None = None
-        self.notes = list(cell.notes)
-        self.variance = 0.0
-        self.floor: float | None = None
-        self.clock = 0.0
-        self._stopped_by_spot = False
+    cell: Equipment
+    law: TimeLaw
+    solver: IKSolver
+    notes: list[str]
+    stop: StopRequest | None = None
+    watch: Watcher | None = None
+    orientation: Array | None = None
+    corrections: int = 0
+    readings: int = 1
+    samples: int = 151
+    plane: Plane | None = None
+    stated_spot: Array | None = None
+    follow: Follow | None = None
+    moved: float = inf
+    most_replans: int = 0
+    look: Look | None = None
+
+    steps: list[Step] = field(default_factory=list)
+    rounds: list[Round] = field(default_factory=list)
+    along: list[PathSplit] = field(default_factory=list)
+    spot: Array | None = None
+    true_spot: Array | None = None
+    target: Array | None = None
+    variance: float = 0.0
+    floor: float | None = None
+    clock: float = 0.0
+    _stopped_by_spot: bool = False
 
     # ------------------------------------------------------------ steps
 
@@ -140,7 +132,7 @@ class CellTask:
             self._locate(spot)
             self._aim()
             self._reach()
-            for _ in range(self.settings.corrections):
+            for _ in range(self.corrections):
                 self._correct()
         except StepFailed as ended:
             status = ended.status
@@ -151,9 +143,7 @@ class CellTask:
         self.spot, self.true_spot, self.target = outcome.spot, outcome.true_spot, outcome.target
         since, status = perf_counter(), CellStatus.ARRIVED
         try:
-            execution = self.cell.drive.resume(
-                outcome.executions[-1], stop=self.settings.stop, watch=self.settings.watch
-            )
+            execution = self.cell.drive.resume(outcome.executions[-1], stop=self.stop, watch=self.watch)
             self._check_end(execution, since)
             self._measure_arrival(execution.plan, execution)
         except StepFailed as ended:
@@ -176,17 +166,18 @@ class CellTask:
     def _locate(self, reading: Spot) -> None:
         """Run the step "laser": compute the point of a reading."""
         since, cell = perf_counter(), self.cell
-        given, plane = self.settings.true_spot, self.settings.plane
         try:
-            seen = locate_spot(cell.laser, reading, plane)
+            seen = locate_spot(cell.laser, reading, self.plane)
             if not seen:
                 raise self._fail("laser", CellStatus.NO_SPOT, f"{seen.status}: {seen.reason}", seen.advice, seen, since)
-            self.true_spot, known = find_truth(cell.unit, reading, plane) if given is None else (given, True)
+            self.true_spot, known = self.stated_spot, True
+            if self.true_spot is None:
+                self.true_spot, known = find_truth(cell.unit, reading, self.plane)
         except InvalidInput as error:
             raise self._fail("laser", CellStatus.NO_SPOT, str(error), "read the spot again") from None
         if not known:
             self.notes.append(TAKEN_AS_EXACT)
-        self.spot, self.variance = seen.point, find_variance(cell.laser, reading, plane)
+        self.spot, self.variance = seen.point, find_variance(cell.laser, reading, self.plane)
         off = 0.0 if seen.covariance is None else float(np.sqrt(np.trace(seen.covariance)))
         noise = f", ± {_mm(off)} (RMS)" if off else ""
         self._add("laser", f"the spot is at {_metres(seen.point)}{noise}", seen, since)
@@ -209,8 +200,8 @@ class CellTask:
 
     def _aim(self) -> None:
         """Run the step "target": compute the goal pose of the tool."""
-        since, given = perf_counter(), self.settings.orientation
-        R = self.cell.robot.fk(self._measured_start())[:3, :3] if given is None else given
+        since = perf_counter()
+        R = self.cell.robot.fk(self._measured_start())[:3, :3] if self.orientation is None else self.orientation
         assert self.spot is not None
         self.target = se3.pose(R, self.spot)
         reach = reach_bound(self.cell.robot, POSE)
@@ -221,8 +212,8 @@ class CellTask:
             raise self._fail(
                 "target", CellStatus.NO_PLAN, reason, "choose a spot nearer to the arm", self.target, since
             )
-        said = "with the present orientation of the tool" if given is None else "with the requested orientation"
-        self._add("target", said, self.target, since)
+        orientation = "present orientation of the tool" if self.orientation is None else "requested orientation"
+        self._add("target", f"with the {orientation}", self.target, since)
 
     # ------------------------------------------------------------ from the line to its execution
 
@@ -240,51 +231,50 @@ class CellTask:
             self._add("line", "the tool is already there", line, since)
             return None
         self._add("line", f"{_length(line)} long", line, since)
-        found = self._plan(line, q, law)
-        if found and found.trajectory.duration < cell.drive.period and found.speed is None:
-            found = self._plan(line, q, law, cell.drive.period)
-        self._add_planned(found)
-        if found.trajectory.duration < cell.drive.period:
-            took = f"the motion takes {found.trajectory.duration:.3g} s at the requested tool speed"
+        planned = self._plan(line, q, law)
+        if planned and planned.trajectory.duration < cell.drive.period and planned.speed is None:
+            planned = self._plan(line, q, law, cell.drive.period)
+        self._add_planned(planned)
+        if planned.trajectory.duration < cell.drive.period:
+            took = f"the motion takes {planned.trajectory.duration:.3g} s at the requested tool speed"
             reason = f"{took}, less than the servo period of {cell.drive.period:g} s"
             raise self._fail("execution", CellStatus.REFUSED, reason, "lower the tool speed, or use a law without one")
-        if found.trajectory.duration > MOST_PERIODS * cell.drive.period:
-            reason = f"the motion takes {found.trajectory.duration:.3g} s, more than {MOST_PERIODS:,} periods"
+        if planned.trajectory.duration > MOST_PERIODS * cell.drive.period:
+            reason = f"the motion takes {planned.trajectory.duration:.3g} s, more than {MOST_PERIODS:,} periods"
             raise self._fail("execution", CellStatus.REFUSED, reason, "raise the limits")
-        return found
+        return planned
 
     def _plan(self, line: Line, q: Array, law: TimeLaw, duration: float | None = None) -> Plan:
-        cell, settings = self.cell, self.settings
         return plan(
-            cell.robot, line, q, solver=self.solver, timing=law, limits=cell.limits, samples=settings.samples,
-            duration=duration, scene=cell.scene,
+            self.cell.robot, line, q, solver=self.solver, timing=law, limits=self.cell.limits, samples=self.samples,
+            duration=duration, scene=self.cell.scene,
         )  # fmt: skip
 
-    def _add_planned(self, found: Plan) -> None:
+    def _add_planned(self, planned: Plan) -> None:
         """Record the steps of a plan, up to the one that failed."""
-        failed = None if found else FAILED_STEPS.get(found.status, "joints")
-        if found.status is PlanStatus.CONTACT and found.has_motion:
+        failed = None if planned else FAILED_STEPS.get(planned.status, "joints")
+        if planned.status is PlanStatus.CONTACT and planned.has_motion:
             failed = "certificate"
-        made: dict[str, tuple[str, Any]] = {"joints": (f"followed with {found.solver}", found.prefix)}
+        passed: dict[str, tuple[str, Any]] = {"joints": (f"followed with {planned.solver}", planned.prefix)}
         if failed != "joints":
-            made["timing"] = (found.law, found.trajectory if found.has_motion else None)
+            passed["timing"] = (planned.law, planned.trajectory if planned.has_motion else None)
         if failed not in ("joints", "timing"):
-            T = found.trajectory.duration
-            made["timing"] = (f"{found.law}, {T:.3f} s", found.trajectory)
-            made["certificate"] = ("valid", found.certificate)
-        for (name, (said, result)), seconds in zip(made.items(), found.seconds, strict=False):
+            T = planned.trajectory.duration
+            passed["timing"] = (f"{planned.law}, {T:.3f} s", planned.trajectory)
+            passed["certificate"] = ("valid", planned.certificate)
+        for (name, (said, result)), seconds in zip(passed.items(), planned.seconds, strict=False):
             if name == failed:
-                assert found.failure is not None
-                at = "" if "s = " in found.failure.reason else f" (s = {found.failure.s:.6g})"
-                reason = f"{found.status}: {found.failure.reason}{at}"
-                self.steps.append(Step(name, False, reason, found.failure.advice, result, seconds))
+                assert planned.failure is not None
+                at = "" if "s = " in planned.failure.reason else f" (s = {planned.failure.s:.6g})"
+                reason = f"{planned.status}: {planned.failure.reason}{at}"
+                self.steps.append(Step(name, False, reason, planned.failure.advice, result, seconds))
                 raise StepFailed(CellStatus.NO_PLAN)
             self.steps.append(Step(name, True, said, "", result, seconds))
 
-    def _execute(self, found: Plan, stop: StopRequest | None) -> Execution:
+    def _execute(self, planned: Plan, stop: StopRequest | None) -> Execution:
         """Execute the plan and record the step: "execution", or "stop" if a moving spot stopped the arm."""
         since = perf_counter()
-        return self._check_end(self.cell.drive.execute(found, stop=stop, watch=self.settings.watch), since)
+        return self._check_end(self.cell.drive.execute(planned, stop=stop, watch=self.watch), since)
 
     def _check_end(self, execution: Execution, since: float) -> Execution:
         """Record the step of an execution by its status."""
@@ -301,18 +291,18 @@ class CellTask:
             self._add("stop", f"the spot moved; at rest on the path after {execution.t[-1]:.3f} s", execution, since)
         return execution
 
-    def _measure_arrival(self, found: Plan, execution: Execution) -> None:
+    def _measure_arrival(self, planned: Plan, execution: Execution) -> None:
         """Run the step "tool": compute the true position of the tool, and measure it for a correction."""
-        since, robot, settings = perf_counter(), self.cell.robot, self.settings
+        since, robot = perf_counter(), self.cell.robot
         assert self.true_spot is not None
         pose = robot.fk(execution.q[-1])
         tool, error = pose[:3, 3], pose[:3, 3] - self.true_spot
-        self.along.append(split_along(execution, self.solver, self.true_spot, settings.samples))
+        self.along.append(split_along(execution, self.solver, self.true_spot, self.samples))
         residual, said = None, f"{_mm(np.linalg.norm(error))} from the spot"
-        if settings.corrections:
+        if self.corrections:
             residual = self._measure_residual(tool, robot.fk(execution.measured[-1])[:3, 3])
             said += f"; {_mm(np.linalg.norm(residual))} as measured"
-        self.rounds.append(Round(found, execution, tool, residual, error))
+        self.rounds.append(Round(planned, execution, tool, residual, error))
         self._add("tool", said, pose, since)
 
     def _measure_residual(self, tool: Array, encoders: Array) -> Array:
@@ -321,8 +311,8 @@ class CellTask:
         A measurement is rejected if noise and calibration do not explain its distance from the position by the encoders.
         """
         try:
-            read = self._read_tool(tool) if self.settings.look is None else self.settings.look()
-            seen = read if isinstance(read, Sighting) else locate_spot(self.cell.laser, read, self.settings.plane)
+            read = self._read_tool(tool) if self.look is None else self.look()
+            seen = read if isinstance(read, Sighting) else locate_spot(self.cell.laser, read, self.plane)
         except InvalidInput as error:
             raise self._fail("tool", CellStatus.NOT_MEASURED, str(error), "read the tool again") from None
         if not seen:
@@ -339,28 +329,28 @@ class CellTask:
             advice = "check the reading of the unit there" + ("" if stated else "; or state the covariance of its pose")
             raise self._fail("tool", CellStatus.NOT_MEASURED, reason, advice, seen)
         # the variance of the readings of spot and tool remains after a correction
-        self.floor = float(np.sqrt(self.variance + find_variance(self.cell.laser, read, self.settings.plane)))
+        self.floor = float(np.sqrt(self.variance + find_variance(self.cell.laser, read, self.plane)))
         return self.spot - seen.point
 
     def _read_tool(self, tool: Array) -> Spot | Sighting:
         """Return a simulated reading of the tool, or the failed sighting if the true unit cannot see it."""
         visible = self.cell.unit.angles(tool)
-        return read_point(self.cell.unit, tool, self.settings.readings, self.cell.rng) if visible else visible
+        return read_point(self.cell.unit, tool, self.readings, self.cell.rng) if visible else visible
 
     # ------------------------------------------------------------ the loop: a spot that moves, and corrections
 
     def _reach(self) -> None:
         """Move to the target; if the spot moves, stop and move to its new position."""
-        follow, most = self.settings.follow, self.settings.most_replans
+        follow, most = self.follow, self.most_replans
         for replans in range(most + 1):
             self._stopped_by_spot = False
-            found = self._plan_line(self.settings.law)
-            execution = None if found is None else self._execute(found, self._make_stop_test())
+            planned = self._plan_line(self.law)
+            execution = None if planned is None else self._execute(planned, self._make_stop_test())
             if follow is not None:
                 self._locate(follow(self.clock))
             if not self._stopped_by_spot and not self._is_away(self.spot):
-                if found is not None and execution is not None:
-                    self._measure_arrival(found, execution)
+                if planned is not None and execution is not None:
+                    self._measure_arrival(planned, execution)
                 return
             if replans < most:
                 self._turn_to_spot()
@@ -378,11 +368,11 @@ class CellTask:
     def _is_away(self, point: Array | None) -> bool:
         """Return whether a point is farther from the target than the tolerance `moved`."""
         assert self.target is not None
-        return point is None or float(np.linalg.norm(point - self.target[:3, 3])) > self.settings.moved
+        return point is None or float(np.linalg.norm(point - self.target[:3, 3])) > self.moved
 
     def _make_stop_test(self) -> StopRequest | None:
         """Return the stop condition of the execution: the caller's request, or a motion of the laser spot during the task."""
-        stop, follow, since = self.settings.stop, self.settings.follow, self.clock
+        stop, follow, since = self.stop, self.follow, self.clock
         if follow is None:
             return stop
 
@@ -397,7 +387,7 @@ class CellTask:
     def _has_moved(self, follow: Follow, t: float) -> bool:
         """Return whether the spot has left the target or can no longer be seen; called while the arm moves."""
         try:
-            return self._is_away(locate_spot(self.cell.laser, follow(t), self.settings.plane).point)
+            return self._is_away(locate_spot(self.cell.laser, follow(t), self.plane).point)
         except Exception:  # after any failed reading the arm must come to rest first; then the spot is read again
             return True
 
@@ -409,18 +399,13 @@ class CellTask:
             return
         self.target = se3.pose(self.target[:3, :3], self.target[:3, 3] + residual)
         self._stopped_by_spot = False
-        law = self.settings.law
+        law = self.law
         if law.speed is not None:  # a correction is too short to reach the requested tool speed
             law = copy(law)
             law.speed = None
-        found = self._plan_line(law)
-        if found is not None:
-            self._measure_arrival(found, self._execute(found, self.settings.stop))
-
-
-def make_settings(law: LawLike, **given: Any) -> TaskSettings:
-    """Build the settings of a task from its law and the other fields of `TaskSettings`."""
-    return TaskSettings(law=make_law(law), **given)
+        planned = self._plan_line(law)
+        if planned is not None:
+            self._measure_arrival(planned, self._execute(planned, self.stop))
 
 
 def _mm(metres: Any) -> str:

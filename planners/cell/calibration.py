@@ -289,12 +289,12 @@ def calibrate(pairs: Sequence[tuple[Spot | ArrayLike, ArrayLike]], laser: PanTil
     out = tuple(int(i) for i in np.flatnonzero(~inliers))
     chi_squared, freedom = float(np.sum(e[inliers] ** 2)), max(int(np.count_nonzero(readings.weights[inliers])) - 6, 0)
     status, reason, advice = _judge(readings, inliers, converged, covariance, chi_squared, freedom)
-    found = status is CalibrationStatus.FOUND
+    succeeded = status is CalibrationStatus.FOUND
     return Calibration(
         status,
         reason,
         advice,
-        laser.with_pose(T, covariance) if found else None,
+        laser.with_pose(T, covariance) if succeeded else None,
         compute_residuals(readings, T),
         _distances(e, J, inliers),
         out,

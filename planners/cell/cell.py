@@ -1,10 +1,11 @@
-"""Cell: laser unit, main control and drive as one system that moves the tool to a spot of the laser."""
+"""Cell: laser unit, gripper, main control and drive as one system that moves the tool to a spot of the laser."""
 
 from __future__ import annotations
 
 import copy
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from time import perf_counter
 from typing import Any, Self
 
@@ -12,28 +13,191 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optik import se3
+from optik.arm.inertia import Body, check_body, check_shape, join_bodies, transform_body
 from optik.arm.robot import Robot
 from optik.check import check_count, check_number, format_value
 from optik.errors import InvalidInput
-from optik.ik import SolverLike
+from optik.ik import SolverLike, get_solver
 from optik.scene import Scene
 from optik.scene.contact import check_scene
 from optik.types import Array
-from planners.cell._task import CellTask, Equipment, make_settings
+from planners.cell._task import CellTask, Equipment
 from planners.cell.drives import make_drive
 from planners.cell.drives.base import Drive, StopRequest, Watcher
-from planners.cell.gripper import Gripper, HeldObject, check_width
 from planners.cell.laser import MOST_READINGS, PanTiltLaser, find_truth, find_variance, locate_spot, read_point
 from planners.cell.outcome import CellStatus, Outcome, Step
 from planners.cell.sighting import Follow, Look, Plane, Sighting, Spot, check_vectors
 from planners.limits import MotionLimits
-from planners.timing import LawLike
+from planners.timing import LawLike, make_law
+
+# ---------------- the gripper at the arm's tool
+
+
+PARTS = ("gripper", "held")
+"""Names of the capsules of the gripper and of a held object in ``robot.shapes``."""
+
+
+@dataclass(frozen=True, eq=False)
+class HeldObject:
+    """An object between the fingers, as a rigid body in the grasp's frame.
+
+    Parameters
+    ----------
+    mass : float
+        Mass [kg].
+    com : (3,) array
+        Centre of mass [m]; by default the grasp point.
+    inertia : (3, 3) array, optional
+        Inertia about the centre of mass [kg·m²]; by default a point mass.
+    shapes : sequence of (T, edges), (centre, radius) or (a, b, radius)
+        Its collision shapes, as for `Robot.with_payload` [m].
+
+    Raises
+    ------
+    InvalidInput
+        Values that no body has.
+    """
+
+    mass: float
+    com: ArrayLike = (0.0, 0.0, 0.0)
+    inertia: ArrayLike | None = None
+    shapes: Sequence[Any] = ()
+
+    def __post_init__(self) -> None:
+        _body(self.mass, self.com, self.inertia, "the held object")
+
+    @property
+    def body(self) -> Body:
+        """The rigid body, in the grasp's frame."""
+        return _body(self.mass, self.com, self.inertia, "the held object")
+
+
+@dataclass(frozen=True, eq=False)
+class Gripper:
+    """A gripper of two parallel fingers on the arm's tool.
+
+    Parameters
+    ----------
+    grasp : (4, 4) array
+        Pose of the grasp point in the frame of the arm's tool [1, m].
+    opening : float
+        Largest distance of the fingers [m].
+    mass : float
+        Mass [kg].
+    com : (3,) array, optional
+        Centre of mass in the frame of the arm's tool [m]; by default halfway to the grasp point.
+    inertia : (3, 3) array, optional
+        Inertia about the centre of mass, in the axes of the arm's tool [kg·m²]; by default a point mass.
+    shapes : sequence of (T, edges), (centre, radius) or (a, b, radius)
+        Its collision shapes for all finger positions, in the frame of the arm's tool, as for `Robot.with_payload` [m].
+
+    Raises
+    ------
+    InvalidInput
+        A grasp that is no pose, an opening below 0, or values that no body has.
+    """
+
+    grasp: ArrayLike
+    opening: float
+    mass: float = 0.0
+    com: ArrayLike | None = None
+    inertia: ArrayLike | None = None
+    shapes: Sequence[Any] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "grasp", se3.check_pose(self.grasp, "grasp"))
+        object.__setattr__(
+            self, "opening", check_number(self.opening, "opening", "a distance of 0 or more [m]", least=0.0)
+        )
+        _ = self.body
+
+    @property
+    def body(self) -> Body:
+        """The rigid body, in the frame of the arm's tool."""
+        com = 0.5 * self._grasp[:3, 3] if self.com is None else self.com
+        return _body(self.mass, com, self.inertia, "the gripper")
+
+    @property
+    def _grasp(self) -> Array:
+        assert isinstance(self.grasp, np.ndarray)
+        return self.grasp
+
+    def mount(self, robot: Robot, held: HeldObject | None = None) -> Robot:
+        """Return an arm with the gripper: its tool is the grasp point, and masses and shapes include gripper and object.
+
+        The previous payload of the arm is included in the new one. Joints, limits and names do not change.
+
+        Parameters
+        ----------
+        robot : Robot
+            The arm without the gripper.
+        held : HeldObject, optional
+            The object between the fingers.
+
+        Returns
+        -------
+        Robot
+            The arm with the gripper. If its own masses are unknown, it has no payload.
+
+        Raises
+        ------
+        InvalidInput
+            An arm whose payload is an interval, or shapes for an arm that has none.
+        """
+        to_grasp = se3.inverse(self._grasp)
+        bodies = [transform_body(self.body, to_grasp)]
+        if held is not None:
+            bodies.append(held.body)
+        if robot.payload is not None:
+            if len(robot.payload.bodies) > 1:
+                wanted = "an arm whose payload has one mass, to which the gripper's is added"
+                raise InvalidInput("robot", f"a payload of {robot.payload}", wanted)
+            bodies.append(transform_body(robot.payload.bodies[0], to_grasp))
+        arm = robot.with_tool(self._grasp, add=True)
+        mass, com, inertia = join_bodies(bodies)
+        if robot.inertia is not None:
+            arm = arm.with_payload(mass, com, inertia)
+        return arm.with_shapes(self._shapes(robot, arm.tool, held))
+
+    def _shapes(self, robot: Robot, grasp: Array, held: HeldObject | None) -> Any:
+        """Return the arm's shapes with those of gripper and object."""
+        shapes, parts = robot.shapes, ((self.shapes, robot.tool), (() if held is None else held.shapes, grasp))
+        for name, (objects, T) in zip(PARTS, parts, strict=True):
+            if not len(objects):
+                continue
+            if shapes is None:
+                raise InvalidInput(
+                    "robot",
+                    f"{robot.name!r}, which has no shapes",
+                    f"an arm with shapes, because the {name} has shapes",
+                )
+            shapes = shapes.with_part(name, len(robot.fixed), objects, T)
+        return shapes
+
+
+def check_width(gripper: Gripper, width: float) -> float:
+    """Return a distance of the fingers [m], checked to be at most the opening."""
+    expected = f"a distance of the fingers from 0 to {gripper.opening:g} m, the gripper's opening"
+    if check_number(width, "width", expected, least=0.0) > gripper.opening:
+        raise InvalidInput("width", f"{width:g} m", expected)
+    return float(width)
+
+
+def _body(mass: float, com: ArrayLike, inertia: ArrayLike | None, where: str) -> Body:
+    """Return a checked rigid body."""
+    mass = check_number(mass, f"mass of {where}", "a finite mass ≥ 0 [kg]", least=0.0)
+    tensor = np.zeros((3, 3)) if inertia is None else check_shape(inertia, (3, 3), f"inertia of {where}")
+    return check_body((mass, check_shape(com, (3,), f"centre of mass of {where}"), tensor), where)
+
+
+# ---------------- the cell
+
 
 MOST_ROUNDS = 100
 """Largest number of corrections of one task: because of noise, the error no longer decreases after two or three."""
 
 
-class Cell:
+class Cell(Equipment):
     """The system of the paper: a laser unit and an arm on one platform, the control that plans, and the drive that executes.
 
     Everything is in the arm's base frame, as is the laser's pose, so the platform's pose moves both together.
@@ -92,7 +256,7 @@ class Cell:
             if not isinstance(value, kind) and (value is not None or name in ("robot", "laser")):
                 raise InvalidInput(name, format_value(value), f"a {kind.__name__}")
         check_count(seed, "seed", 0)
-        self.laser, self.unit, self._rng = laser, laser if unit is None else unit, np.random.default_rng(seed)
+        self.laser, self.unit, self.rng = laser, laser if unit is None else unit, np.random.default_rng(seed)
         self.base = se3.check_pose(np.eye(4) if base is None else base, "base")
         self._bare, self.gripper = robot, gripper
         self.held: HeldObject | None = None
@@ -176,7 +340,7 @@ class Cell:
         Spot
             One reading, or arrays (readings,).
         """
-        return read_point(self.unit, check_vectors(point, "point"), readings, self._rng)
+        return read_point(self.unit, check_vectors(point, "point"), readings, self.rng)
 
     def truth(self, spot: Spot, plane: Plane | None = None) -> tuple[Array, bool]:
         """Return the true point of a reading, and whether it is known; if not, the reading is taken as exact.
@@ -228,11 +392,6 @@ class Cell:
         return find_variance(self.laser, spot, plane)
 
     # ------------------------------------------------------------ tasks
-
-    def _equipment(self) -> Equipment:
-        return Equipment(
-            self.robot, self.drive, self.limits, self.scene, self.laser, self.unit, self._rng, self.base, tuple(self.notes),
-        )  # fmt: skip
 
     def move_to_spot(
         self,
@@ -286,13 +445,13 @@ class Cell:
         self._check_request(corrections, readings, most_replans, {"follow": follow, "look": look, "watch": watch})
         if not isinstance(spot, Spot):
             raise InvalidInput("spot", format_value(spot), "a planners.cell.Spot(pan, tilt, range)")
-        settings = make_settings(
-            timing, orientation=None if orientation is None else _rotation(orientation), corrections=corrections,
-            readings=readings, solver=solver, samples=samples, plane=plane, follow=follow, look=look, stop=stop, watch=watch,
-            true_spot=None if true_spot is None else check_vectors(true_spot, "true_spot"), most_replans=most_replans,
+        return CellTask(
+            self, make_law(timing), get_solver(self.robot, solver), self.notes, stop=stop, watch=watch,
+            orientation=None if orientation is None else _rotation(orientation), corrections=corrections,
+            readings=readings, samples=samples, plane=plane, follow=follow, look=look, most_replans=most_replans,
+            stated_spot=None if true_spot is None else check_vectors(true_spot, "true_spot"),
             moved=check_number(moved, "moved", "a distance above 0 [m]", above=0.0),
-        )  # fmt: skip
-        return CellTask(self._equipment(), settings).run(spot)
+        ).run(spot)  # fmt: skip
 
     def resume(
         self, outcome: Outcome, *, solver: SolverLike | None = None, stop: StopRequest | None = None,
@@ -326,15 +485,14 @@ class Cell:
         if not stopped or not outcome.executions or outcome.failed is None or outcome.failed.name != "execution":
             came = str(getattr(outcome, "status", format_value(outcome)))
             raise InvalidInput("outcome", came, "the outcome of a task that was stopped while the arm moved")
-        plan = outcome.executions[-1].plan
-        settings = make_settings("optimal", solver=plan.solver if solver is None else solver, stop=stop, watch=watch)
-        return CellTask(self._equipment(), settings).resume(outcome)
+        method = get_solver(self.robot, outcome.executions[-1].plan.solver if solver is None else solver)
+        return CellTask(self, make_law("optimal"), method, self.notes, stop, watch).resume(outcome)
 
     def _check_request(self, corrections: int, readings: int, most_replans: int, functions: dict[str, Any]) -> None:
         """Check the counts and the functions of a request; corrections on a real arm need a `look` function."""
-        for name, given in functions.items():
-            if given is not None and not callable(given):
-                raise InvalidInput(name, format_value(given), "a function")
+        for name, function in functions.items():
+            if function is not None and not callable(function):
+                raise InvalidInput(name, format_value(function), "a function")
         check_count(corrections, "corrections", 0, MOST_ROUNDS)
         check_count(readings, "readings", 1, MOST_READINGS)
         check_count(most_replans, "most_replans", 0)

@@ -108,12 +108,12 @@ def split_errors(
     InvalidInput
         No points, or NaN or infinity in them.
     """
-    given = {"spot": spot, "target": target, "answer": answer, "planned": planned, "executed": executed}
-    points = [_check_points(value, name) for name, value in given.items()]
+    values = {"spot": spot, "target": target, "answer": answer, "planned": planned, "executed": executed}
+    points = [_check_points(value, name) for name, value in values.items()]
     try:
         a, b, c, d, e = np.broadcast_arrays(*points)
     except ValueError:
-        got = ", ".join(f"{name} {p.shape}" for name, p in zip(given, points, strict=True))
+        got = ", ".join(f"{name} {p.shape}" for name, p in zip(values, points, strict=True))
         raise InvalidInput(
             "spot, target, answer, planned, executed", f"shapes {got}", "shapes that broadcast"
         ) from None

@@ -15,7 +15,7 @@ import numpy as np
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
 from optik.tables import TableColumn, TextTable, find_size, read_cell, split_unit
-from planners.ros.message import POINT_FIELDS, MessagePoints
+from planners.ros.export import POINT_FIELDS, MessagePoints
 
 CLOCKS = ("t", "time", "times", "timestamp", "timestamps", "stamp", "elapsed", "clock", "epoch")
 """Last words of the name of a column of times."""
@@ -47,18 +47,18 @@ def list_units(robot: Robot, order: int) -> list[str]:
 def read_log(table: TextTable, robot: Robot, names: list[str]) -> MessagePoints:
     """Return the setpoints of a table, in SI units where the header states no others."""
     sets = _find_sets(table, robot, names)
-    bare = sorted(k for k, own in sets.items() if not any(column.unit for column in own.values()))
+    bare = sorted(k for k, group in sets.items() if not any(column.unit for column in group.values()))
     for k in bare if 0 in sets and 0 not in bare else ():
         sets[k] = {h: like._replace(at=sets[k][h].at) for h, like in zip(sets[k], sets[0].values(), strict=True)}
         table.notes.append(f"the {POINT_FIELDS[k]} have no units, and are read in those of the positions{'/s' * k}")
-    used = {header: column for own in sets.values() for header, column in own.items()}
+    used = {header: column for group in sets.values() for header, column in group.items()}
     clocks = {header: column for header, column in _find_clocks(table).items() if header not in used}
     stems = {split_unit(header)[0] for header in clocks}
     pair = len(stems) == 1 and {column.unit for column in clocks.values()} == {"s", "ns"} and _are_parts(table, clocks)
     expected = f"one column of times (t, stamp, time_ms …), and one for each of {', '.join(names)} (by name, or q1 …)"
     if len(clocks) != 1 + pair or 0 not in sets or (2 in sets and 1 not in sets):
-        found = {"times": clocks, POINT_FIELDS[0]: {}, **{POINT_FIELDS[order]: own for order, own in sets.items()}}
-        known = "; ".join(f"{kind}: {', '.join(own) or 'none'}" for kind, own in found.items())[:200]
+        kinds = {"times": clocks, POINT_FIELDS[0]: {}, **{POINT_FIELDS[order]: group for order, group in sets.items()}}
+        known = "; ".join(f"{kind}: {', '.join(group) or 'none'}" for kind, group in kinds.items())[:200]
         others = " or ".join(map(repr, clocks))[:160] if len(clocks) > 1 + pair else ""
         advice = f"columns='t,{','.join(names)}' names all columns, ignore={others} leaves some out"
         raise table.make_header_error(expected, f"found: {known}; {advice}")
@@ -85,12 +85,14 @@ def _are_parts(table: TextTable, clocks: Columns) -> bool:
 def _find_sets(table: TextTable, robot: Robot, names: list[str]) -> dict[int, Columns]:
     """Return the columns of each order of derivative: those with the joints' names, or with their numbers."""
     named = [re.compile(rf"(?<![^\W_]){re.escape(name)}(?![^\W_])", re.IGNORECASE) for name in names]
-    counts, found = [[*range(robot.n)], [*range(1, robot.n + 1)]], dict[int, Columns]()
+    counts, sets = [[*range(robot.n)], [*range(1, robot.n + 1)]], dict[int, Columns]()
     ends = [int(number) for name in names for number in re.findall(r"\d+", name)[-1:]]
     for by_name in (True, False):
         orders = counts[:1] if by_name else [ends] if len({*ends}) == robot.n and ends != counts[1] else counts
         groups: dict[str, dict[int, Columns]] = {}
-        others = [h for h in table.columns if len(h) <= LONGEST_HEADER and not any(h in own for own in found.values())]
+        others = [
+            h for h in table.columns if len(h) <= LONGEST_HEADER and not any(h in group for group in sets.values())
+        ]
         for header in others:
             marks = [(i, m) for i, pattern in enumerate(named) for m in pattern.finditer(header)]
             marks = [(i, m) for i, m in marks if len(m[0]) == max(len(other[0]) for _, other in marks)]
@@ -104,19 +106,19 @@ def _find_sets(table: TextTable, robot: Robot, names: list[str]) -> dict[int, Co
             if order is None or at is None:
                 continue
             pairs = [(unit, *x) for i, unit in enumerate(list_units(robot, order)) for x in members[at[i]].items()]
-            own = {header: c._replace(size=size) for usual, header, c in pairs if (size := find_size(c.unit, usual))}
-            if len(own) >= robot.n and len(both := found.get(order, {}) | own) > robot.n:
-                first = found.get(order) or [next(iter(each)) for each in members.values()]
+            group = {header: c._replace(size=size) for usual, header, c in pairs if (size := find_size(c.unit, usual))}
+            if len(group) >= robot.n and len(both := sets.get(order, {}) | group) > robot.n:
+                first = sets.get(order) or [next(iter(each)) for each in members.values()]
                 advice = (
                     f"ignore={','.join(h for h in both if h not in first)!r} or {','.join(first)!r} leaves some out"
                 )
                 expected = f"one column of {POINT_FIELDS[order]} for each joint"
                 raise InvalidInput(table.locate(), ",".join(both)[:160], expected, advice=advice)
-            if len(own) == robot.n and order not in found:
-                found[order] = own
-                words = f"the columns {','.join(own)} are read as joints {','.join(names)}, by their numbers"
+            if len(group) == robot.n and order not in sets:
+                sets[order] = group
+                words = f"the columns {','.join(group)} are read as joints {','.join(names)}, by their numbers"
                 table.notes.extend([words] * (not by_name))
-    return found
+    return sets
 
 
 def _find_order(stem: str) -> int | None:

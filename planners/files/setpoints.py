@@ -25,8 +25,16 @@ from planners.files.base import CONTENT
 from planners.files.headers import list_units, read_log
 from planners.motion import Motion
 from planners.paths.goal import find_continuous
-from planners.ros.export import MESSAGE_SUFFIXES, JointNames, find_columns
-from planners.ros.message import POINT_FIELDS, Form, MessagePoints, from_text, read_points
+from planners.ros.export import (
+    MESSAGE_SUFFIXES,
+    POINT_FIELDS,
+    Form,
+    JointNames,
+    MessagePoints,
+    find_columns,
+    from_text,
+    read_points,
+)
 from planners.trajectory import Trajectory, map_joints
 from planners.trajectory.trajectory import INTERPOLATIONS, trajectory_through
 
@@ -112,22 +120,22 @@ def _load(
     columns, ignore, unit = reading
     try:
         if suffix == ".csv":
-            found = _convert(read_log(read_table(file, columns, ignore), robot, names), robot, unit)
-            if found.assumed and unit != ():
-                assumed, like = ", ".join(found.assumed), _name_others(found.assumed)
-                found.notes.append(f"no units in the header: read in {assumed}; unit={like} states others")
+            points = _convert(read_log(read_table(file, columns, ignore), robot, names), robot, unit)
+            if points.assumed and unit != ():
+                assumed, like = ", ".join(points.assumed), _name_others(points.assumed)
+                points.notes.append(f"no units in the header: read in {assumed}; unit={like} states others")
         else:
             message = _find_message(from_text(decode_text(read_bytes(FilePath(file))), suffix))
-            found = _convert(read_points(message, names, read_names(ignore, "ignore")), robot, unit)
-        trajectory = _build(found, robot, *following)
+            points = _convert(read_points(message, names, read_names(ignore, "ignore")), robot, unit)
+        trajectory = _build(points, robot, *following)
         if robot.motors is not None:
             trajectory = map_joints(trajectory, robot.motors.matrix, robot.motors.offset)
             words = f"the positions are those of the motors {', '.join(names)}, with the matrix of {robot.name}"
-            found.notes.extend([words] * (unit != ()))
+            points.notes.extend([words] * (unit != ()))
     except InvalidInput as error:
-        own = error.argument in ("interpolation", "start", "ignore", "unwrap", "unit") or str(file) in error.argument
-        raise (error if own else locate_error(file, error)) from None
-    trajectory.notes = warn_of_assumptions(file, found.notes, stacklevel=4)
+        clear = error.argument in ("interpolation", "start", "ignore", "unwrap", "unit") or str(file) in error.argument
+        raise (error if clear else locate_error(file, error)) from None
+    trajectory.notes = warn_of_assumptions(file, points.notes, stacklevel=4)
     return trajectory
 
 
@@ -167,28 +175,28 @@ def _find_message(data: Any) -> Any:
     return found[0] if found else data
 
 
-def _convert(found: MessagePoints, robot: Robot, unit: Names) -> MessagePoints:
+def _convert(points: MessagePoints, robot: Robot, unit: Names) -> MessagePoints:
     """Return setpoints in SI units, with the units of ``unit=`` where the file states none."""
-    bases, given = {one: next(iter(sizes)) for sizes in UNIT_SIZES for one in sizes}, read_names(unit, "unit")
-    others = [own for one in given if (own := "".join(split_unit(one))) not in found.stated]
-    units, assumed = {bases.get(one, ""): one for one in others}, {one: one.partition("/")[0] for one in found.assumed}
+    bases, stated = {one: next(iter(sizes)) for sizes in UNIT_SIZES for one in sizes}, read_names(unit, "unit")
+    others = [bare for one in stated if (bare := "".join(split_unit(one))) not in points.stated]
+    units, assumed = {bases.get(one, ""): one for one in others}, {one: one.partition("/")[0] for one in points.assumed}
     if len(units) < len(others) or not {*units} <= {*assumed.values()}:
         expected = "no unit=, because the file states all units"
         if assumed:
-            known = f", or {', '.join(found.stated)}, which it states" * bool(found.stated)
+            known = f", or {', '.join(points.stated)}, which it states" * bool(points.stated)
             which = f"units for {', '.join(dict.fromkeys(assumed.values()))}, which the file does not state"
             expected = f"{which}, such as {_name_others(assumed)}{known}"
-        raise InvalidInput("unit", ",".join(given)[:60], expected)
-    if "s" in assumed and "s" not in units and found.begin >= ROS_TIME and not (found.t % 1.0).any():
+        raise InvalidInput("unit", ",".join(stated)[:60], expected)
+    if "s" in assumed and "s" not in units and points.begin >= ROS_TIME and not (points.t % 1.0).any():
         units["s"] = "ns"
-        found.notes.append("the times are in nanoseconds, because they are large whole numbers")
+        points.notes.append("the times are in nanoseconds, because they are large whole numbers")
     sizes = {one: find_size(units.get(base, ""), base) or 1.0 for one, base in assumed.items()}
-    values = [rows * [sizes.get(one, 1.0) for one in list_units(robot, k)] for k, rows in enumerate(found.values)]
+    values = [rows * [sizes.get(one, 1.0) for one in list_units(robot, k)] for k, rows in enumerate(points.values)]
     size, left = sizes.get("s", 1.0), [one for one, base in assumed.items() if base not in units]
-    found = found._replace(t=found.t * size, begin=found.begin * size, values=values, assumed=left)
+    points = points._replace(t=points.t * size, begin=points.begin * size, values=values, assumed=left)
     if unit != ():
-        _check_meant(found, robot)
-    return found
+        _check_meant(points, robot)
+    return points
 
 
 def _name_others(assumed: Iterable[str]) -> str:
@@ -196,47 +204,47 @@ def _name_others(assumed: Iterable[str]) -> str:
     return repr(",".join(dict.fromkeys(OTHER_UNITS[one.partition("/")[0]] for one in assumed)))
 
 
-def _check_meant(found: MessagePoints, robot: Robot) -> None:
+def _check_meant(points: MessagePoints, robot: Robot) -> None:
     """Raise InvalidInput for times and positions without units that are implausible in seconds and radians."""
-    far = (np.abs(found.t + found.begin) > LATEST) | (np.diff(found.t, prepend=0.0) > LONGEST_STEP)
-    for i in np.flatnonzero(far & ("s" in found.assumed)).tolist()[:1]:
+    far = (np.abs(points.t + points.begin) > LATEST) | (np.diff(points.t, prepend=0.0) > LONGEST_STEP)
+    for i in np.flatnonzero(far & ("s" in points.assumed)).tolist()[:1]:
         expected = f"times within {LATEST:g} s, and steps of at most {LONGEST_STEP:g} s"
         advice = "unit='ms', 'us' or 'ns' gives another unit"
-        raise InvalidInput(found.locate(i), f"{found.t[i] + found.begin:.6g} s", expected, advice=advice)
-    q, turns, limits = found.values[0], ~robot.prismatic, maker_limits(robot)
-    if "rad" in found.assumed and (asked := ask_for_degrees(limits, turns, q)):
+        raise InvalidInput(points.locate(i), f"{points.t[i] + points.begin:.6g} s", expected, advice=advice)
+    q, turns, limits = points.values[0], ~robot.prismatic, maker_limits(robot)
+    if "rad" in points.assumed and (asked := ask_for_degrees(limits, turns, q)):
         low, high = limits.lower, limits.upper
         row, j = np.unravel_index(np.argmax(np.where(turns, np.maximum(low - q, q - high), 0.0)), q.shape)
         got, expected = f"{maker_names(robot)[j]} = {q[row, j]:.6g}", f"its range [{low[j]:.6g}, {high[j]:.6g}] [rad]"
         advice = f"{asked} unit='deg' reads degrees, unit='rad' radians"
-        raise InvalidInput(found.locate(int(row), int(j)), got, expected, advice=advice)
+        raise InvalidInput(points.locate(int(row), int(j)), got, expected, advice=advice)
 
 
 def _build(
-    found: MessagePoints, robot: Robot, interpolation: str | None, start: ArrayLike | None, unwrap: Names
+    points: MessagePoints, robot: Robot, interpolation: str | None, start: ArrayLike | None, unwrap: Names
 ) -> Trajectory:
     """Return the trajectory through setpoints."""
-    t, values, first = found.t, found.values, 0
+    t, values, first = points.t, points.values, 0
     for i in np.flatnonzero(~(np.diff(t) > 0.0))[:1]:
-        got = f"{t[i + 1] + found.begin:.9g} s after {t[i] + found.begin:.9g} s"
-        raise InvalidInput(found.locate(i + 1), got, "times that increase")
+        got = f"{t[i + 1] + points.begin:.9g} s after {t[i] + points.begin:.9g} s"
+        raise InvalidInput(points.locate(i + 1), got, "times that increase")
     if start is not None:
         q = maker_joints(robot, robot.configuration(start, "start"))
-        if not found.begin > 0.0:
-            got = f"a configuration, and a first point at {found.begin:.9g} s"
+        if not points.begin > 0.0:
+            got = f"a configuration, and a first point at {points.begin:.9g} s"
             raise InvalidInput("start", got, "none, or a first point after 0 s")
-        t, first = np.append(0.0, t + found.begin), 1
+        t, first = np.append(0.0, t + points.begin), 1
         values = [np.vstack([np.zeros(robot.n) if k else q, rows]) for k, rows in enumerate(values)]
-        found.notes.append("the arm is at rest at the start")
-    elif found.begin and found.from_start:
+        points.notes.append("the arm is at rest at the start")
+    elif points.begin and points.from_start:
         advice = "start=Q is the configuration at 0 s"
-        raise InvalidInput(found.locate(0), f"{found.begin:.9g} s", "a first point at 0 s", advice=advice)
-    elif found.begin:
-        found.notes.append(f"the motion starts at the first time, {found.begin:.15g} s")
+        raise InvalidInput(points.locate(0), f"{points.begin:.9g} s", "a first point at 0 s", advice=advice)
+    elif points.begin:
+        points.notes.append(f"the motion starts at the first time, {points.begin:.15g} s")
     if t.size < 2:
         expected = "at least two points; or one point after 0 s and start=Q, the configuration at 0 s"
-        raise InvalidInput(found.locate(0), "one point", expected)
-    values[0] = _remove_turns(t, values[0], robot, unwrap, lambda i, j: found.locate(i - first, j))
+        raise InvalidInput(points.locate(0), "one point", expected)
+    values[0] = _remove_turns(t, values[0], robot, unwrap, lambda i, j: points.locate(i - first, j))
     if interpolation == SPLINE:  # through the points; the controller reaches the first one from the start
         spline = scipy.interpolate.CubicSpline(t[first:], values[0][first:], bc_type="clamped")
         return trajectory_through(t, values[0], np.vstack([np.zeros((first, robot.n)), spline(t[first:], 1)]))

@@ -12,7 +12,7 @@ from optik.arm.limits import LIMIT_TOLERANCE
 from optik.arm.robot import Robot
 from optik.errors import NoSolution
 from optik.ik import get_solver
-from optik.ik.analytic.branches import (
+from optik.ik.branches import (
     LIMIT_BAND,
     POLISHING_STEPS,
     enumerate_roots,

@@ -11,8 +11,7 @@ from optik.arm.robot import Robot
 from optik.scene.files import NANOSECONDS
 from optik.types import Array
 from planners.following.failure import joint_unit
-from planners.ros.replies import Feedback
-from planners.ros.transport import Goal, Transport
+from planners.ros.transport import Feedback, Goal, Transport
 from planners.trajectory import Trajectory
 
 REST_SPEED = 0.02

@@ -8,8 +8,7 @@ from typing import Any
 
 from optik.check import check_number
 from optik.errors import MissingDependency
-from planners.ros.replies import ACTION, STATES, check_ros_name
-from planners.ros.transport import Goal, Transport
+from planners.ros.transport import ACTION, STATES, Goal, Transport, check_ros_name
 
 NODE = "optik_drive"
 """Name of the node."""

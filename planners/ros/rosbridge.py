@@ -10,8 +10,7 @@ from urllib.parse import urlsplit
 
 from optik.check import check_number
 from optik.errors import InvalidInput, MissingDependency
-from planners.ros.replies import ACTION, ACTION_TYPE, STATES, STATES_TYPE, check_ros_name
-from planners.ros.transport import Goal, Transport
+from planners.ros.transport import ACTION, ACTION_TYPE, STATES, STATES_TYPE, Goal, Transport, check_ros_name
 
 URL = "ws://127.0.0.1:9090"
 """Default address of a rosbridge server, on this machine."""

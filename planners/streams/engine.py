@@ -166,20 +166,20 @@ class Retargeter:
         else:
             q = _joints(onto, self.robot.n, "onto")
             make = self._go(X, unwind(self.robot, q, X[0]) if self.free.any() else q)
-        made, box = _Attempt(None), self._first_box(X)
+        last, box = _Attempt(None), self._first_box(X)
         for k in range(0 if reason else tries):
-            made = make(box, k)
-            if made.curve is None:
-                reason = reason or made.reason
+            last = make(box, k)
+            if last.curve is None:
+                reason = reason or last.reason
                 break
-            proof = certify_joined(self.robot, made.curve, self.limits, X, self.scene)
+            proof = certify_joined(self.robot, last.curve, self.limits, X, self.scene)
             if proof.is_valid:
-                return Retargeted(status, "", self.robot, self.limits, at, made.curve, proof, cut=cut, **made.facts)
-            reason, box = reason or proof.reasons[0], self._tighten(box, proof, X, trajectory_of(made.curve))
+                return Retargeted(status, "", self.robot, self.limits, at, last.curve, proof, cut=cut, **last.facts)
+            reason, box = reason or proof.reasons[0], self._tighten(box, proof, X, trajectory_of(last.curve))
         rest = at >= running.end - BRIEF_REST
         kept = make_rest(X[0], 3.0 * BRIEF_REST) if rest else cut_before(running, at)
         proof = certify_joined(self.robot, kept, self.limits, X, None)
-        return Retargeted(RetargetStatus.KEPT, reason, self.robot, self.limits, at, kept, proof, cut=cut, **made.facts)
+        return Retargeted(RetargetStatus.KEPT, reason, self.robot, self.limits, at, kept, proof, cut=cut, **last.facts)
 
     def _refuse_state(self, X: Array) -> str:
         """Return why no motion from a state (3, n) is within the limits, or nothing."""

@@ -260,15 +260,15 @@ class Transfer:
             return None
         h, j = ramp
         ends = np.minimum(np.cumsum(h, axis=1), hold)
-        held = np.diff(np.column_stack([ends, np.full(self.n, hold)]), axis=1, prepend=0.0), np.pad(j, ((0, 0), (0, 1)))
+        head = np.diff(np.column_stack([ends, np.full(self.n, hold)]), axis=1, prepend=0.0), np.pad(j, ((0, 0), (0, 1)))
         then = state
         if hold >= SAME_TIME:
-            moving = join_states(state, np.full((3, self.n), np.nan), *held).trajectory
+            moving = join_states(state, np.full((3, self.n), np.nan), *head).trajectory
             then = np.stack([moving(moving.end, order) for order in range(3)])
         stop = self._velocity_phases(then, np.zeros((3, self.n)))
         if stop is None:
             return None
-        h, j = (np.concatenate(parts, axis=1) for parts in zip(held, stop, strict=True))
+        h, j = (np.concatenate(parts, axis=1) for parts in zip(head, stop, strict=True))
         goal = np.zeros((3, self.n))
         goal[0] = np.nan
         motion = join_states(state, goal, h, j)

@@ -138,8 +138,8 @@ def certify_joined(
     low, high = np.array([sides(bounds[name]) for name in DERIVATIVES]).swapaxes(0, 1)
     below, above = least / low, greatest / high
     down = below > above
-    found = np.where(down, -least, greatest), np.maximum(below, above), np.where(down, t_least, t_greatest)
-    peaks: dict[str, Extreme | ToolExtreme] = {name: Extreme(*x) for name, *x in zip(DERIVATIVES, *found, strict=True)}
+    worst = np.where(down, -least, greatest), np.maximum(below, above), np.where(down, t_least, t_greatest)
+    peaks: dict[str, Extreme | ToolExtreme] = {name: Extreme(*x) for name, *x in zip(DERIVATIVES, *worst, strict=True)}
     if others:
         motion = MotionAnalysis(robot, trajectory_of(curve))
         peaks |= {name: kind_of(name).judge(motion, bounds[name]) for name in others}

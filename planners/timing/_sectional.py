@@ -249,15 +249,15 @@ def find_sections(what: RampTable, breaks: Array, duration: float) -> list[Ramp]
         tried += 1
         if tried == REACHED_TRIAL:  # beside a slow corner few of these speeds can be reached at all
             speeds[1:-1] = np.minimum(speeds[1:-1, :1], 1.5 * _sweep_speeds(what)[nodes[1:-1], None]) * SPEED_LEVELS
-        found = _find_chain(what, what.s[nodes], open_since, speeds, most, shortest)
-        if found.shape[0] or most > 1e6:
+        chain = _find_chain(what, what.s[nodes], open_since, speeds, most, shortest)
+        if chain.shape[0] or most > 1e6:
             break
         most *= 1.3  # no candidate speed is low enough: take a motion that is too fast, and let it be slowed
-    fixed = np.isin(found[:, 2], what.s[nodes[open_since[1:]]])
+    fixed = np.isin(chain[:, 2], what.s[nodes[open_since[1:]]])
     for sharpness, rounds in SEARCH:
-        slow = max(_ratio(what, ramp) for ramp in found)
-        _search(what, found, fixed, rounds, (sharpness, slow, shortest / slow))
-    return [Ramp(*map(float, row)) for row in found]
+        slow = max(_ratio(what, ramp) for ramp in chain)
+        _search(what, chain, fixed, rounds, (sharpness, slow, shortest / slow))
+    return [Ramp(*map(float, row)) for row in chain]
 
 
 def _sweep_speeds(what: RampTable) -> Array:

@@ -130,10 +130,10 @@ class TimeLaw(ABC):
         for name in limits.extra or ():
             if name in enforced:  # before the law, which cannot compute with a limit of 0 where a joint moves
                 kind_of(name).check_still(joint_path, bounds[name])
-        found = self._time(joint_path, limits)
-        if isinstance(found, MotionAnalysis):
-            return found
-        return MotionAnalysis(joint_path.robot, check_motion(self, found, joint_path.robot), joint_path.path)
+        motion = self._time(joint_path, limits)
+        if isinstance(motion, MotionAnalysis):
+            return motion
+        return MotionAnalysis(joint_path.robot, check_motion(self, motion, joint_path.robot), joint_path.path)
 
     def run_from(self, joint_path: JointPath, limits: MotionLimits, state: PathState) -> Trajectory:
         """Return a motion along the remaining joint path, from a moving state to its end.
@@ -216,8 +216,8 @@ class TimeLaw(ABC):
             kind_of(name).check_robot(robot, bounds[name])
         if missing := self.list_missing(limits, robot):
             named, unknown = " and ".join(missing), self.list_missing(MotionLimits.of(robot), robot)
-            given = dict.fromkeys((*limits.given_names, *unknown))
-            arguments = ", ".join(["robot", *(f"{f}=..." for f in given)])
+            limited = dict.fromkeys((*limits.given_names, *unknown))
+            arguments = ", ".join(["robot", *(f"{f}=..." for f in limited)])
             expected = f"limits on {named} for the law {self.name!r}: MotionLimits.of({arguments})"
             raise InvalidInput(
                 "limits", f"none on {named}", f"{expected}, which keeps the other limits of {robot.name}"

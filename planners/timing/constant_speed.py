@@ -101,14 +101,14 @@ class ConstantSpeed(TimeLaw):
             motion = self._quickest(distance, greatest, shortest)
             return fastest if motion is None or motion.trajectory.duration > fastest.trajectory.duration else motion
         if self.speed > greatest:
-            found, in_ramp = _find_worst(distance, widest, self.speed)
+            worst, in_ramp = _find_worst(distance, widest, self.speed)
             turns = "rotation" if distance.turning else "tool"
             longer = "a longer ramp= (at most 0.5); " if in_ramp and self.ramp < 0.5 else ""
-            where = f"s = {found.s:.6g}{f', in a ramp of {self.ramp:.3g} of the distance' if in_ramp else ''}"
+            where = f"s = {worst.s:.6g}{f', in a ramp of {self.ramp:.3g} of the distance' if in_ramp else ''}"
             raise NoSolution(
                 f"a tool speed of {self.speed:.6g} is {format_ratio(self.speed / greatest, 6)} times too fast: the limit on "
-                f"{found.limit} is exceeded at {where}",
-                s=found.s, joint=found.joint,
+                f"{worst.limit} is exceeded at {where}",
+                s=worst.s, joint=worst.joint,
                 advice=f"a speed of at most {_round_down(greatest):.6g}; {longer}or timing='optimal' with "
                 f"{turns}_speed={self.speed:.6g}, which slows at corners only",
             )  # fmt: skip

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from optik.check import check_count, check_number
@@ -16,8 +17,7 @@ from planners.certificate.analysis import MotionAnalysis
 from planners.following.follow import JointPath
 from planners.limits import ALL_LIMITS, DERIVATIVES, MotionLimits, kind_of, tool_limits_between
 from planners.motion.motion import FIRST_MARGIN, is_within, match_start, stretch_analysed, stretch_to_limits
-from planners.timing._quiet import plan_quiet
-from planners.timing.base import QUIET, PathState, TimeLaw
+from planners.timing.base import QUIET, PathState, TimeLaw, refit
 from planners.timing.interior_point import iteration
 from planners.timing.interior_point.newton import Iterate, Problem
 from planners.timing.interior_point.programme import (
@@ -31,6 +31,101 @@ from planners.timing.interior_point.programme import (
 from planners.timing.interior_point.rows import derivatives, distances, dynamic_excess, torque_excess
 from planners.trajectory import Trajectory
 from planners.trajectory.curve import apply_chain_rule, quintic_through
+
+# ---------------- a motion that leaves an elastic mode at rest: s(t) averaged over one period of the mode
+
+# The mean over w = 1/f is a filter with zeros at f and its multiples. s̄̇ = (s(t) − s(t − w)) / w, and so for each derivative.
+
+
+BASES = ((7.0, "acceleration"), (1.0, "jerk"))
+"""Jerk limits of the base motions over the given ones, and the limit that is reduced where the jerk exceeds its own: after the
+mean it is at most the change of the acceleration within w, over w."""
+MEAN_APART = 1e-4
+"""Least time [s] between knots of the mean: in shorter pieces rounding dominates the jerk."""
+ROUNDS, SPARE, CLOSE = 8, 0.999, 1.002
+"""Most rounds in which the limits of the base motion are scaled, the fraction of a limit that is aimed at, and the excess at
+which they end: a stretch by it moves the zero of the filter as little."""
+Run = Callable[[JointPath, MotionLimits], tuple[MotionAnalysis, Any]]
+"""The law of the base motion."""
+
+
+def plan_quiet(
+    run: Run, joint_path: JointPath, limits: MotionLimits, enforced: tuple[str, ...], frequency: float
+) -> tuple[MotionAnalysis, Any]:
+    """Return the shortest averaged motion of the base motions, and the optimum of its base motion."""
+    best: tuple[MotionAnalysis, Any] | None = None
+    for factor, reduced in BASES:
+        base = limits.scale(factor, ("jerk",))
+        found = _fit_base(run, joint_path, (limits, base), enforced, 1.0 / frequency, reduced)
+        if found is not None and (best is None or found[0].trajectory.end < best[0].trajectory.end):
+            best = found
+    if best is None:
+        raise NoSolution(
+            f"no motion averaged over {1.0 / frequency:.4g} s respects the limits",
+            advice="a higher frequency, higher limits, or no quiet=",
+        )
+    return best
+
+
+def _fit_base(
+    run: Run,
+    joint_path: JointPath,
+    both: tuple[MotionLimits, MotionLimits],
+    enforced: tuple[str, ...],
+    w: float,
+    reduced: str,
+) -> tuple[MotionAnalysis, Any] | None:
+    """Return the averaged motion whose base limits are scaled until it respects the limits; None if they cannot be."""
+    (limits, base), bounds = both, both[0].bounds(joint_path.robot.n)
+    kinds = [kind for kind in limits.kinds if kind.name in enforced and kind.is_given(bounds[kind.name])]
+    for _ in range(ROUNDS):
+        try:
+            analysis, optimum = run(joint_path, base)
+        except NoSolution:
+            return None
+        law = average(joint_path, analysis.trajectory, w)
+        motion = MotionAnalysis(
+            joint_path.robot, refit(joint_path, law, limits.arrays(joint_path.robot.n)["jerk"]), joint_path.path
+        )
+        ratios = {kind.name: float(np.nanmax(kind.judge(motion, bounds[kind.name]).ratio)) for kind in kinds}
+        if max(ratios.values()) <= CLOSE:
+            return stretch_analysed(motion, limits, enforced) if max(ratios.values()) > 1.0 else motion, optimum
+        for name, ratio in ratios.items():
+            if ratio > 1.0:
+                base = base.scale(SPARE / ratio, (reduced if name == "jerk" else name,))
+    return None
+
+
+def average(joint_path: JointPath, motion: Trajectory, w: float) -> Any:
+    """Return the piecewise quintic s̄(t), the mean of the path parameter of a motion over the last w seconds."""
+    t, s, end = motion.knots, motion.s, motion.end
+    assert s is not None
+    q1, q2 = joint_path(s, 1), joint_path(s, 2)
+    square = np.einsum("ki,ki->k", q1, q1)
+    v = np.einsum("ki,ki->k", q1, motion(t, 1)) / square
+    a = np.einsum("ki,ki->k", q1, motion(t, 2) - q2 * v[:, None] ** 2) / square
+    v[[0, -1]], a[[0, -1]] = 0.0, 0.0
+    along = quintic_through(t, s[:, None], v[:, None], a[:, None])
+    total = along.antiderivative()
+
+    def at(x: Array, order: int) -> Array:
+        """Return the integral of s, s, or ṡ, which is constant before and after the motion."""
+        inside = np.clip(x, 0.0, end)
+        if order < 0:
+            return np.asarray(total(inside)[:, 0] + np.maximum(x - end, 0.0) * s[-1])
+        return np.asarray(along(inside, order)[:, 0])
+
+    knots = np.unique(np.concatenate([t, t + w]))
+    knots = knots[np.diff(knots, prepend=-1.0) > MEAN_APART]
+    knots[-1] = end + w
+    p, v, a = ((at(knots, order) - at(knots - w, order)) / w for order in (-1, 0, 1))
+    p[0], p[-1], v[[0, -1]], a[[0, -1]] = s[0], s[-1], 0.0, 0.0
+    mean = quintic_through(knots, *(x[:, None] for x in (np.clip(p, s[0], s[-1]), v, a)))
+    return scipy.interpolate.PPoly(mean.c[:, :, 0], knots)
+
+
+# ---------------- the time optimum
+
 
 GAP = 1e-5
 """Optimality gap of the programme, as a fraction of the duration: far below the gain of a finer grid."""
@@ -144,15 +239,15 @@ class Optimal(TimeLaw):
         inside = limits if _unloaded(limits) else limits.scale(1.0 - PROOF_EXCESS, ("torque", "torque_rate"))
         for problem, weight in _problems(joint_path, inside, self.intervals, density):
             loaded = problem.rows.loaded
-            found = _solve(problem, SLOWDOWN_LOADED if loaded else SLOWDOWN_LEFT, weight)
-            if found is None:
+            solution = _solve(problem, SLOWDOWN_LOADED if loaded else SLOWDOWN_LEFT, weight)
+            if solution is None:
                 continue
-            motion = MotionAnalysis(joint_path.robot, found.motion, joint_path.path)
+            motion = MotionAnalysis(joint_path.robot, solution.motion, joint_path.path)
             if loaded:  # after slowing by the estimated factor, one proof is usually enough
-                stretched = motion.stretched(max(found.slower, 1.0) * (1.0 + FIRST_MARGIN))
+                stretched = motion.stretched(max(solution.slower, 1.0) * (1.0 + FIRST_MARGIN))
                 if is_within(stretched, limits, enforced):
-                    return stretched, found.optimum
-            return stretch_analysed(motion, limits, enforced), found.optimum
+                    return stretched, solution.optimum
+            return stretch_analysed(motion, limits, enforced), solution.optimum
         limit, joint, place, ratio = _find_worst_violation(start(joint_path, limits, self.intervals))
         raise NoSolution(
             f"the interior-point iteration found no motion; its start has {ratio:.4g} times the {limit} limit of {joint} at "
@@ -202,11 +297,11 @@ class Optimal(TimeLaw):
         for guessed in (limits, gentler) if pairs else (limits,):
             try:
                 problem = moving_programme(joint_path, limits, self.intervals or STOP_INTERVALS, state, end, guessed)
-                found = None if problem is None else _solve(problem, 0.0, most=STOP_ITERATIONS)
+                solution = None if problem is None else _solve(problem, 0.0, most=STOP_ITERATIONS)
             except NoSolution:
                 return None
-            if found is not None:
-                return found.motion
+            if solution is not None:
+                return solution.motion
         return None
 
 
@@ -274,46 +369,46 @@ class _Solution(NamedTuple):
     optimum: Optimum
 
 
-def _solve(given: TimingProblem, close: float, weight: float = 1.0, most: int = MOST_ITERATIONS) -> _Solution | None:
+def _solve(timing: TimingProblem, close: float, weight: float = 1.0, most: int = MOST_ITERATIONS) -> _Solution | None:
     """Return the motion whose exact extrema exceed the limits by the fraction `close`, or by more if stretched later."""
-    z = given.start if given.moving is not None else _slow_down(given.problem, given.start, 0.9, SLOWER)
-    brief = briefest(given.limits.arrays(given.joint_path.robot.n)["jerk"])
+    z = timing.start if timing.moving is not None else _slow_down(timing.problem, timing.start, 0.9, SLOWER)
+    brief = briefest(timing.limits.arrays(timing.joint_path.robot.n)["jerk"])
     weight, halvings, again = weight * FIRST_BARRIER, 0, 0
-    found: _Solution | None = None
+    solution: _Solution | None = None
     while again < (TIGHTENINGS if close else 2 * TIGHTENINGS):
-        problem = given.problem
+        problem = timing.problem
         K, rows = problem.ds.size, problem.node.shape[1] + 2 * problem.edge.shape[2]
         at = iteration.make_iterate(K, rows)
         if (
             iteration.solve_barrier(
-                problem, z, weight, GAP / (2.0 * rows), most if found is None else WARM_ITERATIONS, at
+                problem, z, weight, GAP / (2.0 * rows), most if solution is None else WARM_ITERATIONS, at
             )
             < 0
         ):
             break
-        motion = _motion(given, z)
-        coarse = _find_departures(given, z) & (halvings < 4 * INTERVAL_HALVINGS)
-        if given.moving is not None and given.moving.joints is not None:
-            motion = match_start(motion, given.moving.joints, given.limits)
-        excess = _excess(given, motion, z)
+        motion = _motion(timing, z)
+        coarse = _find_departures(timing, z) & (halvings < 4 * INTERVAL_HALVINGS)
+        if timing.moving is not None and timing.moving.joints is not None:
+            motion = match_start(motion, timing.moving.joints, timing.limits)
+        excess = _excess(timing, motion, z)
         # Where nothing is slowed afterwards.
-        often = 2 * INTERVAL_HALVINGS if given.moving is not None else INTERVAL_HALVINGS
+        often = 2 * INTERVAL_HALVINGS if timing.moving is not None else INTERVAL_HALVINGS
         coarse |= (excess.worst > (COARSE if 2 * halvings < often else WORSE)) & (halvings < often)
-        coarse &= z[:-1, 2] * given.units[1] > 2.0 * brief
+        coarse &= z[:-1, 2] * timing.units[1] > 2.0 * brief
         if coarse.any() and K < FINEST_INTERVALS:
-            given, halvings = halve_intervals(given, z, coarse), halvings + 1
-            z = given.start if given.moving is not None else _slow_down(given.problem, given.start, 0.98)
-            weight, found = FIRST_BARRIER if given.moving is not None else WARM_BARRIER, None
+            timing, halvings = halve_intervals(timing, z, coarse), halvings + 1
+            z = timing.start if timing.moving is not None else _slow_down(timing.problem, timing.start, 0.98)
+            weight, solution = FIRST_BARRIER if timing.moving is not None else WARM_BARRIER, None
             continue
-        tool = _tool_ratios(given, motion) * (1.0 if close else BETWEEN_SAMPLES)
-        found, again = _Solution(motion, excess.slower(tool), Optimum(given, at)), again + 1
-        if found.slower <= 1.0 + max(close, LIMIT_ROUNDING):
-            return found
+        tool = _tool_ratios(timing, motion) * (1.0 if close else BETWEEN_SAMPLES)
+        solution, again = _Solution(motion, excess.slower(tool), Optimum(timing, at)), again + 1
+        if solution.slower <= 1.0 + max(close, LIMIT_ROUNDING):
+            return solution
         _tighten(problem, excess, tool, 0.0 if close else 1e-6)
-        if given.moving is None:
+        if timing.moving is None:
             z = _slow_down(problem, z, 0.995)
-        weight = WARM_BARRIER if given.moving is None else 4.0 * WARM_BARRIER  # which is not moved inside the limits
-    return found if close else None
+        weight = WARM_BARRIER if timing.moving is None else 4.0 * WARM_BARRIER  # which is not moved inside the limits
+    return solution if close else None
 
 
 def _refine(given: TimingProblem) -> TimingProblem:

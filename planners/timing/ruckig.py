@@ -42,8 +42,8 @@ def velocity_control(
         result = ruckig.Result.Error
     if result not in (ruckig.Result.Working, ruckig.Result.Finished):
         raise NoSolution(f"Ruckig found no motion along s ({result})")
-    found = answer.profiles[0][0]
-    phases = [*zip(found.brake.t, found.brake.j, strict=True), *zip(found.t, found.j, strict=True)]
+    profile = answer.profiles[0][0]
+    phases = [*zip(profile.brake.t, profile.brake.j, strict=True), *zip(profile.t, profile.j, strict=True)]
     return [(float(h), float(j)) for h, j in phases if h > 0.0]
 
 
@@ -101,12 +101,12 @@ def _solve(ramp: Ramp) -> Array:
     half = peak * 0.5 * (rise + flat)  # the speed in the middle of the flat part
     first = _section((0.0, 0.0), (half, peak), peak, peak / rise)
     second = _section((half, peak), (1.0, 0.0), peak, peak / fall)
-    found = np.array([first[0], first[1] + second[0], second[1]])
-    if not np.allclose(found, (rise, flat, fall), rtol=0.0, atol=1e-7):
+    phases = np.array([first[0], first[1] + second[0], second[1]])
+    if not np.allclose(phases, (rise, flat, fall), rtol=0.0, atol=1e-7):
         raise NoSolution(f"Ruckig left the section from s = {ramp.s0:.6g} to {ramp.s1:.6g}", s=ramp.s0)
-    peak = (ramp.v1 - ramp.v0) / (duration * (0.5 * found[0] + found[1] + 0.5 * found[2]))  # v1, to the last bit
-    found *= duration
-    return np.array([[found[0], peak / found[0]], [found[1], 0.0], [found[2], -peak / found[2]]])
+    peak = (ramp.v1 - ramp.v0) / (duration * (0.5 * phases[0] + phases[1] + 0.5 * phases[2]))  # v1, to the last bit
+    phases *= duration
+    return np.array([[phases[0], peak / phases[0]], [phases[1], 0.0], [phases[2], -peak / phases[2]]])
 
 
 def _section(start: tuple[float, float], goal: tuple[float, float], acceleration: float, jerk: float) -> list[float]:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from optik.compiled import compiled
 from optik.errors import InvalidInput
-from optik.types import Array
+from optik.types import Array, Indices
 
 CHAIN = ((1.0,), (1.0, 1.0), (1.0, 3.0, 1.0))
 """Faà di Bruno's formula: factors of f', f'', f''' in the first, second and third derivative of f(s(t))."""
@@ -107,6 +107,30 @@ def evaluate(c: Array, knots: Array, x: Array, order: int, out: Array) -> None:
                 value += term * power
                 power *= u
             out[i, n] = value
+
+
+def piece_at(knots: Array, t: Array) -> Indices:
+    """Return, for each time, the index of the piece of the motion that contains it."""
+    return np.clip(np.searchsorted(knots, t, side="right") - 1, 0, knots.size - 2)
+
+
+def evaluate_quintics(c: Array, piece: Indices, u: Array) -> Array:
+    """Return q and its derivatives (4, k, n) at times u (k,) after the first knots of pieces of quintics (6, m, n)."""
+    out = np.empty((4, u.size, c.shape[2]))
+    _write_quintics(c, piece, u, out)
+    return out
+
+
+@compiled
+def _write_quintics(c: Array, piece: Indices, u: Array, out: Array) -> None:
+    for i in range(u.shape[0]):
+        k, x = piece[i], u[i]
+        for n in range(c.shape[2]):
+            c0, c1, c2, c3, c4 = c[0, k, n], c[1, k, n], c[2, k, n], c[3, k, n], c[4, k, n]
+            out[0, i, n] = c[5, k, n] + x * (c4 + x * (c3 + x * (c2 + x * (c1 + x * c0))))
+            out[1, i, n] = c4 + x * (2.0 * c3 + x * (3.0 * c2 + x * (4.0 * c1 + x * 5.0 * c0)))
+            out[2, i, n] = 2.0 * c3 + x * (6.0 * c2 + x * (12.0 * c1 + x * 20.0 * c0))
+            out[3, i, n] = 6.0 * c2 + x * (24.0 * c1 + x * 60.0 * c0)
 
 
 @compiled
@@ -274,7 +298,7 @@ def piece_extrema(c: Array, h: Array, value: Array, when: Array) -> None:
             count = 0  # inner roots of the derivative one order higher
             for order in range(4, -1, -1):
                 degree = 5 - order
-                found = 0
+                at = 0
                 low, f_low = 0.0, a[order, 0]
                 least, most, at_least, at_most = f_low, f_low, 0.0, 0.0
                 for i in range(count + 1):
@@ -285,17 +309,17 @@ def piece_extrema(c: Array, h: Array, value: Array, when: Array) -> None:
                     if f_high > most:
                         most, at_most = f_high, high
                     if f_low * f_high < 0.0:
-                        roots[found] = _root(a[order], degree, low, high, f_low)
-                        found += 1
+                        roots[at] = _root(a[order], degree, low, high, f_low)
+                        at += 1
                     elif f_high == 0.0 and i < count:
-                        roots[found] = high
-                        found += 1
+                        roots[at] = high
+                        at += 1
                     low, f_low = high, f_high
                 if order < 4:
                     value[order, k, j, 0], value[order, k, j, 1] = least, most
                     when[order, k, j, 0], when[order, k, j, 1] = at_least, at_most
-                count = found
-                for i in range(found):
+                count = at
+                for i in range(at):
                     before[i] = roots[i]
 
 

@@ -309,3 +309,34 @@ def test_a_constants_name_has_one_meaning_in_its_folder(tmp_path: Path) -> None:
 
 def test_every_constant_says_why() -> None:
     assert [(relative(path), name) for path in FILES for name, said in constants(path) if not said] == []
+
+
+# ---------------------------------------------------------------- names of variables
+EMPTY_NAMES = {"found", "made", "given", "held", "own", "spent"}
+"""Names of results that say nothing: a long function names what was found, made or given."""
+MOST_EMPTY = {"optik": 20, "planners": 67, "benchmarks": 33}
+"""Functions of more than 20 lines that assign such a name; these numbers only go down."""
+
+
+def with_empty_names(path: Path) -> list[str]:
+    """Functions of more than 20 lines that assign a variable whose name says nothing."""
+    functions = [node for node in ast.walk(parsed(path)) if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)]
+    return [
+        f"{path.name}: {function.name}"
+        for function in functions
+        if (function.end_lineno or 0) - function.lineno + 1 > 20
+        and any(
+            isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store) and n.id in EMPTY_NAMES for n in ast.walk(function)
+        )
+    ]
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_few_variables_of_long_functions_have_names_that_say_nothing(package: str, tmp_path: Path) -> None:
+    files = [path for path in FILES if path.is_relative_to(REPOSITORY / package)]
+    assert len([function for path in files for function in with_empty_names(path)]) <= MOST_EMPTY[package]
+    for lines, named in ((18, []), (19, ["a.py: f"])):
+        file = tmp_path / f"{lines}" / "a.py"
+        file.parent.mkdir()
+        file.write_text("def f():\n    found = 1\n" + "    found += 1\n" * lines + "def g():\n    found = 2\n")
+        assert with_empty_names(file) == named

@@ -413,9 +413,9 @@ def test_a_closed_form_that_is_wrong_is_repaired_or_replaced_by_search(answer):
 
 def test_a_package_that_answers_wrongly_is_not_taken(monkeypatch):
     pytest.importorskip("ssik")
-    from optik.ik.analytic import backends
+    from optik.ik import closed_form
 
-    monkeypatch.setattr(backends, "_build_ssik", lambda axes: lambda pose: np.full((2, 6), 0.1))
+    monkeypatch.setattr(closed_form, "_build_ssik", lambda axes: lambda pose: np.full((2, 6), 0.1))
     with pytest.raises(InvalidInput, match=r"ssik.*poses"):
         ClosedForm(optik.load("paper6r"), backend="ssik")
     hide(monkeypatch, "eaik")

@@ -13,8 +13,7 @@ import planners
 from optik.errors import InvalidInput
 from planners import MotionLimits, stream
 from planners.streams import Chunk
-from planners.streams.controllers import FrankaLimiter, ServoJ
-from planners.streams.controllers.franka import ACCELERATION, JERK, VELOCITY
+from planners.streams.controllers import ACCELERATION, JERK, VELOCITY, FrankaLimiter, ServoJ
 from tests.seeds import shift_seed
 
 REST = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])

@@ -23,8 +23,7 @@ from optik.types import Array
 from planners import JointLine, Line, MotionLimits, Trajectory, load_motion, make_law, plan, save
 from planners.files.setpoints import load_trajectory
 from planners.motion import Motion, get_motion
-from planners.ros.export import NEAR_KNOT, to_ros
-from planners.ros.message import _to_yaml
+from planners.ros.export import NEAR_KNOT, _to_yaml, to_ros
 from planners.trajectory import cut_before
 from tests import oracles
 from tests.planners.cases import MOVE, START, default_line, moved, paper6r

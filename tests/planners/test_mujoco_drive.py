@@ -12,7 +12,7 @@ from optik.errors import InvalidInput, MissingDependency
 from planners import plan
 from planners.cell import MujocoDrive, make_drive
 from planners.cell.drives._run import Commands
-from planners.cell.drives._servo import NEW_WEIGHT, POSITION_GAIN, VELOCITY_GAIN, compute_gains, pack_gains, servo
+from planners.cell.drives.mujoco import NEW_WEIGHT, POSITION_GAIN, VELOCITY_GAIN, compute_gains, pack_gains, servo
 from planners.timing import make_law
 from tests.planners.faulty import FaultyMujoco, LostEncoder, Stall
 from tests.seeds import shift_seed

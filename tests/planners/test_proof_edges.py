@@ -364,7 +364,7 @@ STATED = {
     "planners.streams.result": {"CONTINUOUS": 1e-9, "EXCESS": 1e-9, "JOINED_WITHIN": 0.01},
     "planners.program.joining": {"ON_CURVE": 1e-8, "MIDDLE": 5.0 / 64.0},
     "planners.program.following": {"GAP": 1e-6, "NO_GAP": 1e-12},
-    "planners.cell.drives._checks": {"GREATEST_STEP": 1.0 + 1e-6},
+    "planners.cell.drives._run": {"GREATEST_STEP": 1.0 + 1e-6},
     "planners.cell.calibration": {"CONFIDENCE": 0.999, "MOST_LEFT_OUT": 0.25, "MOST_TURN": 0.05},
     "optik.scene.distance": {"DISTANCE_ROUNDING": 1e-9},
     "optik.scene.model": {"UNIT_NORMAL": 1e-14},

@@ -13,8 +13,7 @@ import numpy as np
 from optik.errors import InvalidInput, NoSolution
 from optik.scene.files import NANOSECONDS
 from optik.types import Array
-from planners.cell.drives._checks import RESUME_ADVICE
-from planners.cell.drives._run import EncoderMonitor, EventQueue, plan_stop_at
+from planners.cell.drives._run import RESUME_ADVICE, EncoderMonitor, EventQueue, plan_stop_at
 from planners.cell.drives.base import (
     Drive,
     Execution,
@@ -31,11 +30,9 @@ from planners.certificate.violation import Allow
 from planners.following.failure import joint_unit
 from planners.motion import Motion
 from planners.plan import Plan
-from planners.ros.export import JointNames, ros_message
-from planners.ros.message import Form, message_of
+from planners.ros.export import Form, JointNames, message_of, ros_message
 from planners.ros.monitor import JointStates, MotionRecord
-from planners.ros.replies import GoalState, write_time
-from planners.ros.transport import Goal
+from planners.ros.transport import Goal, GoalState, write_time
 from planners.streams.result import Retargeted
 from planners.streams.stream import Stream
 from planners.trajectory import cut_after, join

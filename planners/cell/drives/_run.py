@@ -2,23 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from optik.errors import InvalidInput
+from optik.arm.robot import Robot
+from optik.check import check_number
+from optik.errors import InvalidInput, InvalidMotion
 from optik.types import Array
 from planners.cell.drives.base import (
     Drive,
     Execution,
     ExecutionStatus,
     Fault,
+    FaultKind,
+    Options,
     Setpoints,
+    StopRequest,
     make_setpoints,
     stretch_to_duration,
 )
 from planners.certificate.analysis import AT_REST
+from planners.certificate.certificate import Certificate, check_valid
 from planners.certificate.violation import Allow, check_allow, required_limits
 from planners.following.failure import joint_unit
 from planners.limits import MotionLimits
@@ -28,6 +35,80 @@ from planners.replan import replan
 from planners.replan.state import SPEED_MARGIN, keep_speed, s_at
 from planners.timing.base import StopKind
 from planners.trajectory import Trajectory, cut_after, join, make_rest
+
+# ---------------- checks before the start
+
+
+GREATEST_STEP = 1.0 + 1e-6
+"""Largest step between set-points, over the velocity limit times the period [1]: a motion at its limit is accepted."""
+START_ADVICE = "plan from the arm's present configuration, drive.measure()"
+"""Advice for an arm that is not at the start of a plan."""
+Refusal = tuple[str, str]
+"""The reason why nothing is sent, and advice."""
+
+
+def check_plan(plan: Plan, robot: Robot) -> None:
+    """Raise InvalidInput unless the argument is a plan of this arm."""
+    if not isinstance(plan, Plan):
+        raise InvalidInput("plan", repr(plan)[:60], "a Plan")
+    if plan.robot != robot:
+        raise InvalidInput("plan", f"a plan of {plan.robot.name}", f"a plan of this drive's arm, {robot.name}")
+
+
+def find_violation(plan: Plan, allow: Allow = (), proof: Certificate | None = None) -> Refusal | None:
+    """Return why a plan must not be executed: no motion, violations that `allow` does not permit, or a start in motion.
+
+    ``proof`` is the certificate that is judged; by default the plan's own.
+    """
+    if plan.failure is not None and (not plan.has_motion or (not plan and plan.certificate.is_valid)):
+        return f"the plan did not succeed ({plan.status}): {plan.failure.reason}", plan.failure.advice
+    proof = plan.certificate if proof is None else proof
+    try:
+        check_valid(proof, allow)
+    except InvalidMotion as error:
+        status = "" if plan else f" ({plan.status})"
+        return f"the certificate of the plan{status} is not valid: {error.reason}", error.advice
+    if not proof.rest[0]:
+        return "the plan begins in motion, but the arm is at rest", START_ADVICE
+    return None
+
+
+def find_refusal(plan: Plan, measured: Array, options: Options) -> Refusal | None:
+    """Return why a plan must not be sent: the arm is not at its start, or set-points exceed the arm's velocity limits."""
+    names, start = plan.robot.joint_names, plan.trajectory(0.0)
+    lost = np.flatnonzero(np.isnan(measured))
+    if lost.size:
+        return f"the encoder of {names[lost[0]]} is lost", "repair the encoder, and measure again"
+    off = np.abs(measured - start) / options.start
+    i = int(off.argmax())
+    if off[i] > 1.0:
+        return describe_start(plan.robot, i, measured[i], start[i], options.start[i]), START_ADVICE
+    fastest, known = plan.trajectory.extrema(1).worst, plan.robot.limits.velocity
+    most = np.full(fastest.size, np.inf) if known is None else np.broadcast_to(known, fastest.shape) * GREATEST_STEP
+    i = int((fastest / most).argmax())
+    if fastest[i] > most[i]:
+        unit = f"{joint_unit(plan.robot, i)}/s"
+        what = f"{names[i]} moves at {fastest[i]:.6g} {unit}, above the arm's own limit of {most[i]:.6g} {unit}"
+        return f"the drive would refuse the set-points: {what}", "plan within the limits of the robot"
+    return None
+
+
+def describe_start(robot: Robot, i: int, q: float, start: float, tolerance: float) -> str:
+    """Return the reason for an arm that is not at the start of a plan: joint i is farther from it than the tolerance."""
+    unit = joint_unit(robot, i)
+    at = f"{robot.joint_names[i]} is at {q:.6g} {unit}, but the plan starts at {start:.6g} {unit}"
+    return f"{at}; the tolerance is {tolerance:g} {unit}"
+
+
+def make_stop_test(stop: StopRequest | None) -> Callable[[float], bool]:
+    """Return the function that decides at every tick whether to stop."""
+    if stop is None:
+        return lambda t: False
+    if callable(stop):
+        return stop
+    when = check_number(stop, "stop", "a time [s] of at least 0, or a function of the time", least=0.0)
+    return lambda t: t >= when - 1e-9
+
 
 # ---------------- the stop of a plan during its execution
 
@@ -186,6 +267,20 @@ def refuse(drive: Drive, plan: Plan, reason: str, advice: str, *, placed: bool =
 # ---------------- an execution on a simulated drive while it runs
 
 
+COUNTS = 4.0
+"""Encoder counts beyond the tolerance that a set-point must move before an unchanged reading is a fault [1]."""
+NOISE_SPREADS = 6.0
+"""Noise that no reading exceeds, in standard deviations [1]."""
+AT_STANDSTILL = (0.02, 0.002)
+"""Largest velocity of a joint at rest [rad/s, m/s]; a servo that follows encoder noise is slower."""
+BRAKED = (1e-4, 1e-5)
+"""Largest velocity of a joint at rest with its brake applied [rad/s, m/s]."""
+ENCODER_ADVICE = "repair the encoder; then resume"
+"""Advice for a false reading."""
+RESUME_ADVICE = "drive.resume continues to the goal"
+"""Advice after a stop on request."""
+
+
 class EventQueue:
     """The events of a plan while it is executed: those that came, and those that have not come yet."""
 
@@ -263,13 +358,31 @@ def interpolate_setpoints(stream: Setpoints, k: int, steps: int, hold: bool) -> 
     return Commands(u[:, 0] * period, position, velocity, (2.0 * c2 + 6.0 * u * c3) / period**2)
 
 
+def read_encoders(actual: Array, options: Options, noise: np.random.Generator) -> Array:
+    """Return the readings of the encoders."""
+    read = actual + options.noise * noise.standard_normal(actual.size) if options.noise else actual.copy()
+    counts = np.where(options.resolution > 0.0, options.resolution, 1.0)
+    return np.asarray(np.where(options.resolution > 0.0, np.round(read / counts) * counts, read))
+
+
+def find_false_reading(read: Array, actual: Array, options: Options) -> int | None:
+    """Return the index of a joint whose encoder is lost or reads a false position; None if there is no such joint."""
+    lost = np.flatnonzero(np.isnan(read))
+    if lost.size:
+        return int(lost[0])
+    off = np.abs(read - actual) / (options.end + COUNTS * options.resolution + NOISE_SPREADS * options.noise)
+    return int(off.argmax()) if off.max() > 1.0 else None
+
+
 @dataclass
 class DriveRun:
     """The state of a running execution."""
 
     plan: Plan
-    motion: Trajectory  # the motion that is sent: the plan's, or the plan's up to a stop and then the stop
-    stream: Setpoints  # of that motion
+    options: Options
+    allow: tuple[str, ...] = ()  # permitted violations of the plan and of its stop
+    motion: Trajectory = field(init=False)  # that is sent: the plan's, or the plan's up to a stop and then the stop
+    stream: Setpoints = field(init=False)  # of that motion
     stop: Plan | None = None  # certified, except for some stops after a fault
     stopping: bool = False  # whether a stop was started, or was searched without result
     requested: bool = False  # whether the stop was requested
@@ -278,7 +391,6 @@ class DriveRun:
     late: int = 0  # number of late ticks
     notes: list[str] = field(default_factory=list)
     encoders: EncoderMonitor = field(default_factory=EncoderMonitor)
-    allow: tuple[str, ...] = ()  # permitted violations of the plan and of its stop
     events: EventQueue = field(init=False)
     t: list[Array] = field(default_factory=list)
     q: list[Array] = field(default_factory=list)
@@ -287,7 +399,8 @@ class DriveRun:
     measured: list[Array] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self.events = EventQueue(self.plan)
+        self.robot, self.motion, self.events = self.plan.robot, self.plan.trajectory, EventQueue(self.plan)
+        self.stream = make_setpoints(self.motion, self.options.period)
 
     @property
     def last(self) -> int:
@@ -312,26 +425,25 @@ class DriveRun:
             self.notes.append("the drive already had the set-points up to the end of the plan: no stop was needed")
             return
         resting = is_at_rest(self.motion, t)
-        found = plan_hold(self.plan, t, self.stream.period) if resting else plan_stop_at(self.plan, t, allow=self.allow)
-        if not found and not resting:
-            assert found.failure is not None
-            why = f"no stop from t = {t:.6g} s could be certified: {found.failure.reason}"
-            if self.fault is None or found.status is not PlanStatus.NOT_PROVED:
+        stop = plan_hold(self.plan, t, self.stream.period) if resting else plan_stop_at(self.plan, t, allow=self.allow)
+        if not stop and not resting:
+            assert stop.failure is not None
+            why = f"no stop from t = {t:.6g} s could be certified: {stop.failure.reason}"
+            if self.fault is None or stop.status is not PlanStatus.NOT_PROVED:
                 self.notes.append(f"{why}; the plan was executed to its end")
                 return
             self.notes.append(f"{why}; it was sent anyway, because of the fault")
-        self.stop = found
-        self.events.replace_after(t, found)
-        self.motion = join(cut_after(self.motion, t), found.trajectory) if tick else found.trajectory
+        self.stop = stop
+        self.events.replace_after(t, stop)
+        self.motion = join(cut_after(self.motion, t), stop.trajectory) if tick else stop.trajectory
         self.stream = make_setpoints(self.motion, self.stream.period)
-        if ends_at_goal(found):
+        if ends_at_goal(stop):
             self.notes.append("the shortest stop within the limits ends at the end of the path")
 
-    def fail(self, fault: Fault, tick: int) -> None:
-        """Record the fault if it is the first one, and stop."""
-        if self.fault is None:
-            self.fault = fault
-        self.stop_at(tick)
+    def fail(self, kind: FaultKind, i: int, what: str, advice: str, tick: int, ahead: int = 0) -> None:
+        """Record the fault of joint i at a tick, which is the first one, and stop some ticks ahead."""
+        self.fault = Fault(kind, tick * self.options.period, self.robot.joint_names[i], what, advice)
+        self.stop_at(tick + ahead)
 
     def extend(self, ticks: int) -> None:
         """Hold the last set-point up to a tick, so that each reading has a set-point."""
@@ -351,3 +463,81 @@ class DriveRun:
         self.dq.append(steps.dq)
         if steps.torque is not None:
             self.torque.append(steps.torque)
+
+    def check_encoders(self, k: int, read: Array) -> None:
+        """Check the encoders at tick k: none may be lost, and every joint must follow its set-points."""
+        if self.fault is not None:
+            return
+        names, ahead, most = self.robot.joint_names, self.options.ahead, self.options.following
+        lost, setpoint = np.isnan(read), self.stream.q[min(k, self.last)]
+        if lost.any():
+            i = int(lost.argmax())
+            what = f"the encoder of {names[i]} is lost; the joint went on by its set-points until it was at rest"
+            self.fail(FaultKind.ENCODER, i, what, ENCODER_ADVICE, k, ahead)
+            return
+        behind = np.abs(read - setpoint)
+        i = int((behind / most).argmax())
+        unit = joint_unit(self.robot, i)
+        if behind[i] > most[i]:
+            what = f"{names[i]} reads {behind[i]:.3g} {unit} off its set-point, more than {most[i]:g} {unit}"
+            why = "the joint is blocked or too weak, or its encoder is frozen"
+            advice = f"check what blocks {names[i]} and its encoder; then resume, which first returns to the path"
+            self.stuck = i
+            self.fail(FaultKind.STALL, i, f"{what}: {why}", advice, k, ahead)
+            return
+        moved = self.encoders.update(read, setpoint, k * self.options.period)
+        moved = moved / (most + COUNTS * self.options.resolution)
+        i = int(moved.argmax())
+        if moved[i] > 1.0:
+            unit = joint_unit(self.robot, i)
+            what = f"{names[i]} reads {read[i]:.6g} {unit} while its set-point moved by more than {most[i]:g} {unit}"
+            self.stuck = i
+            self.fail(
+                FaultKind.ENCODER, i, f"{what}: its encoder is frozen, or it is blocked", ENCODER_ADVICE, k, ahead
+            )
+
+    def judge_rest(self, k: int, read: Array, actual: Array) -> None:
+        """Check the final position of the arm at the last tick k by its encoders and by the true state of the simulated arm."""
+        if self.fault is not None:
+            return
+        false, off = find_false_reading(read, actual, self.options), np.abs(read - self.stream.q[-1])
+        i = int((off / self.options.end).argmax()) if false is None else false
+        joint, unit, most = self.robot.joint_names[i], joint_unit(self.robot, i), self.options.end[i]
+        if false is not None:
+            what = f"{joint} is at {actual[i]:.6g} {unit}, but its encoder reads {read[i]:.6g} {unit}"
+            what = f"the encoder of {joint} is lost" if np.isnan(read[i]) else what
+            self.fail(FaultKind.ENCODER, i, what, ENCODER_ADVICE, k)
+        elif off[i] > most:
+            what = f"{joint} came to rest {off[i]:.3g} {unit} off its last set-point, more than {most:g} {unit}"
+            advice = f"find out what blocks {joint}; then resume, which first returns to the path"
+            self.fail(FaultKind.STALL, i, f"{what}: it was blocked or is too weak", advice, k)
+
+    def judge_standing(self, k: int, read: Array, actual: Array) -> bool:
+        """Return whether the arm is at rest when the set-points end; if it moves, record a fault.
+
+        After a fault, and with a false encoder, it is at rest only as far as its brakes hold it.
+        """
+        dq, false = np.abs(self.dq[-1][-1]), find_false_reading(read, actual, self.options)
+        slowest = AT_STANDSTILL if self.fault is None and false is None else BRAKED
+        speed = dq / np.where(self.robot.prismatic, *reversed(slowest))
+        i = int(speed.argmax())
+        if speed[i] <= 1.0:
+            return True
+        joint = self.robot.joint_names[i]
+        what = f"{joint} moves at {dq[i]:.3g} {joint_unit(self.robot, i)}/s when its set-points end"
+        kind, why, advice = FaultKind.STALL, "it is too weak", f"find out what moves {joint}; then resume"
+        if false is not None:
+            i, kind, advice = false, FaultKind.ENCODER, ENCODER_ADVICE
+            why = f"the encoder of {self.robot.joint_names[i]} reads a false position"
+        if self.fault is None:
+            self.fail(kind, i, f"{what}: {why}; the brakes were applied", advice, k)
+        return False
+
+    def judge_end(self) -> tuple[ExecutionStatus, str, str]:
+        """Return status, reason and advice of an execution that has come to rest."""
+        if self.fault is not None:
+            return ExecutionStatus.FAULT, self.fault.reason, self.fault.advice
+        if self.requested and self.stop is not None and not self.at_goal:
+            begun = self.motion.end - self.stop.trajectory.end
+            return ExecutionStatus.STOPPED, f"stopped on request; the stop began at t = {begun:.6g} s", RESUME_ADVICE
+        return ExecutionStatus.DONE, "", ""

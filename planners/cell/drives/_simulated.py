@@ -16,8 +16,20 @@ from optik.arm.robot import Robot
 from optik.check import check_count, real_array
 from optik.errors import InvalidInput
 from optik.types import Array, Flags
-from planners.cell.drives import _checks
-from planners.cell.drives._run import Commands, DriveRun, Steps, interpolate_setpoints, refuse, resume_execution
+from planners.cell.drives._run import (
+    Commands,
+    DriveRun,
+    Steps,
+    check_plan,
+    describe_start,
+    find_refusal,
+    find_violation,
+    interpolate_setpoints,
+    make_stop_test,
+    read_encoders,
+    refuse,
+    resume_execution,
+)
 from planners.cell.drives.base import (
     Drive,
     Execution,
@@ -29,7 +41,6 @@ from planners.cell.drives.base import (
     fit_periods,
     make_options,
     make_record,
-    make_setpoints,
 )
 from planners.certificate.violation import Allow, check_allow
 from planners.plan import Plan
@@ -127,27 +138,27 @@ class SimulatedDrive(Drive):
         """Return the encoders' configuration now (n,) [rad, m]; NaN for a joint whose encoder is lost."""
         if not self._placed:
             raise InvalidInput("q", "none, and no plan executed yet", "the arm's initial configuration")
-        return self._misread(_checks.read_encoders(self._actual(), self.options, self._noise))
+        return self._misread(read_encoders(self._actual(), self.options, self._noise))
 
     def execute(
         self, plan: Plan, *, stop: StopRequest | None = None, watch: Watcher | None = None, allow: Allow = ()
     ) -> Execution:
         """Take the arm along a valid plan; see `Drive.execute`."""
-        _checks.check_plan(plan, self.robot)
-        refusal = _checks.find_violation(plan, allow)
+        check_plan(plan, self.robot)
+        refusal = find_violation(plan, allow)
         if refusal is not None:
             return self._refused(plan, *refusal)
         given, plan = plan, fit_periods(plan, self.period)
-        refusal = _checks.find_violation(plan, allow, plan.motion.certify() if plan is given else None)
+        refusal = find_violation(plan, allow, plan.motion.certify() if plan is given else None)
         if refusal is not None:
             return self._refused(plan, *refusal)
         if not self._placed:
             self._put(plan.trajectory(0.0))
-        refusal = _checks.find_refusal(plan, self.measure(), self.options)
+        refusal = find_refusal(plan, self.measure(), self.options)
         if refusal is not None:
             return self._refused(plan, *refusal)
-        run = DriveRun(plan, plan.trajectory, make_setpoints(plan, self.period), allow=check_allow(allow))
-        self._loop(run, _checks.make_stop_test(stop), watch)
+        run = DriveRun(plan, self.options, check_allow(allow))
+        self._loop(run, make_stop_test(stop), watch)
         return self._report(run)
 
     def resume(
@@ -172,7 +183,7 @@ class SimulatedDrive(Drive):
         off = np.nan_to_num(np.abs(rows[0][2] - before.q), nan=np.inf)
         i = int((off / self.options.start).argmax())
         if off[i] > self.options.start[i]:
-            where = _checks.describe_start(self.robot, i, rows[0][2][i], before.q[i], self.options.start[i])
+            where = describe_start(self.robot, i, rows[0][2][i], before.q[i], self.options.start[i])
             raise InvalidInput("stream", where, "a stream that begins at the arm's present configuration")
         for now in iter(stream.advance, None):
             pair = (np.stack(two) for two in zip(before[1:4], now[1:4], strict=True))
@@ -208,7 +219,7 @@ class SimulatedDrive(Drive):
                 watch(Moment(t, run.stream.q[min(k, run.last)].copy(), reading.copy(), self._actual().copy(), events))
             if k >= run.last + self._held_ticks() and self._comes_to_rest(run, k, reading):
                 break
-            _checks.check_encoders(run, k, reading, self.options, self.robot)
+            run.check_encoders(k, reading)
             self._stuck = run.stuck
             if not run.stopping and stop_test(t):
                 run.requested = True
@@ -217,14 +228,11 @@ class SimulatedDrive(Drive):
             run.record(t, now.t[1:], self._advance(now, self._find_blocked()))
             k += 1
         run.extend(k)
-        _checks.judge_rest(run, k, reading, self._actual(), self.options, self.robot)
+        run.judge_rest(k, reading, self._actual())
 
     def _comes_to_rest(self, run: DriveRun, k: int, reading: Array) -> bool:
         """Return whether the arm is at rest when the set-points end; apply the brakes if it moves, and after a fault."""
-        dq = run.dq[-1][-1]
-        if _checks.judge_standing(
-            run, k, dq, _checks.find_false_reading(reading, self._actual(), self.options), self.options, self.robot
-        ):
+        if run.judge_standing(k, reading, self._actual()):
             return True
         self._put_brakes_on()
         if k < run.last + self._held_ticks() + BRAKING / self.period:
@@ -267,7 +275,7 @@ class SimulatedDrive(Drive):
         """Return the record of an execution; after a fault the servo's set-point is the arm's true configuration."""
         if run.fault is not None:
             self._place(self._actual())
-        status, reason, advice = _checks.judge_end(run)
+        status, reason, advice = run.judge_end()
         return Execution(
             self.name, self.robot, status, reason, advice, run.plan, run.stop, run.motion, run.stream,
             np.concatenate(run.t), np.concatenate(run.q), np.concatenate(run.dq),

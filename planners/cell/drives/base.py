@@ -183,21 +183,22 @@ def make_options(
         pace = check_number(pace, "pace", "a number above 0, or None", above=0.0)
     return Options(
         period, ahead, check_flag(hold, "hold"), _resolution(robot, encoder), noise,
-        _by_joint(robot, following, FOLLOWING, "following"),
-        _by_joint(robot, start_tolerance, START_AWAY, "start_tolerance"),
-        _by_joint(robot, end_tolerance, END_AWAY, "end_tolerance"),
-        pace,
+        by_joint(robot, following, "following", FOLLOWING),
+        by_joint(robot, start_tolerance, "start_tolerance", START_AWAY),
+        by_joint(robot, end_tolerance, "end_tolerance", END_AWAY), pace,
     )  # fmt: skip
 
 
-def _by_joint(robot: Robot, value: ArrayLike | None, default: tuple[float, float], argument: str) -> Array:
-    """Return one number above 0 for each joint [rad, m]."""
+def by_joint(
+    robot: Robot, value: ArrayLike | None, argument: str, default: tuple[float, float] = (np.nan, np.nan)
+) -> Array:
+    """Return one number above 0 for each joint; the default is that of revolute and of prismatic joints."""
     if value is None:
         return np.where(robot.prismatic, default[1], default[0])
-    return np.broadcast_to(check_positive_options(robot, value, argument, "a number above 0"), (robot.n,)).copy()
+    return np.broadcast_to(_check_positive(robot, value, argument, "a number above 0"), (robot.n,)).copy()
 
 
-def check_positive_options(robot: Robot, value: ArrayLike, argument: str, wanted: str) -> Array:
+def _check_positive(robot: Robot, value: ArrayLike, argument: str, wanted: str) -> Array:
     """Return a number above 0, or one for each joint, as an array () or (n,)."""
     wanted = f"{wanted}, or {robot.n} of them"
     array = real_array(value, argument, wanted)
@@ -208,14 +209,14 @@ def check_positive_options(robot: Robot, value: ArrayLike, argument: str, wanted
 
 def _resolution(robot: Robot, encoder: ArrayLike) -> Array:
     """Return the resolution of each encoder [rad, m]."""
-    array = check_positive_options(robot, encoder, "encoder", "a number of counts per turn above 0")
+    array = _check_positive(robot, encoder, "encoder", "a number of counts per turn above 0")
     turn = 2.0 * pi / array
     if array.shape == ():
         return np.where(robot.prismatic, SCALE if np.isfinite(array) else 0.0, turn)
     return np.where(robot.prismatic, np.where(np.isfinite(array), array, 0.0), turn)
 
 
-# ---------------- streamRecord
+# ---------------- the record of a stream
 
 
 class StreamRecord(NamedTuple):

@@ -11,7 +11,6 @@ from optik.arm.robot import Robot
 from optik.check import check_flag, check_number
 from optik.errors import InvalidInput, NoSolution
 from optik.types import Array
-from planners.cell.drives._checks import START_ADVICE, check_plan, describe_start, find_violation, make_stop_test
 from planners.cell.drives._ros_run import (
     RosOptions,
     RosRun,
@@ -23,7 +22,16 @@ from planners.cell.drives._ros_run import (
     make_stops,
     motor_motion,
 )
-from planners.cell.drives._run import check_stopped, refuse, without_permitted
+from planners.cell.drives._run import (
+    START_ADVICE,
+    check_plan,
+    check_stopped,
+    describe_start,
+    find_violation,
+    make_stop_test,
+    refuse,
+    without_permitted,
+)
 from planners.cell.drives.base import PERIOD, Drive, Execution, ExecutionStatus, StopRequest, StreamRecord, Watcher
 from planners.certificate.violation import Allow
 from planners.following.failure import joint_unit
@@ -112,8 +120,8 @@ class RosDrive(Drive):
             )
         self.joint_names, columns = joint_names, find_columns(robot, joint_names)
         wanted = {"start_tolerance": "rad or m, above 0"}
-        given = RosOptions(start_tolerance, state_age, patience, grace, latency, stops_every)._asdict()
-        checked = {k: check_number(v, k, wanted.get(k, "seconds above 0"), above=0.0) for k, v in given.items()}
+        options = RosOptions(start_tolerance, state_age, patience, grace, latency, stops_every)._asdict()
+        checked = {k: check_number(v, k, wanted.get(k, "seconds above 0"), above=0.0) for k, v in options.items()}
         self.options = RosOptions(**checked)
         names = tuple(sorted(columns, key=columns.__getitem__))
         self.joints = JointStates(robot, transport, names, self.options.state_age)

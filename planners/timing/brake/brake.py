@@ -25,15 +25,13 @@ from planners.timing.brake.rows import (
     Cells,
     RunningMotion,
     cells_of,
-    evaluate_quintics,
     find_viable,
     interpolate_least,
     jerks_at,
     lines_at,
-    piece_at,
 )
 from planners.trajectory import Trajectory
-from planners.trajectory.curve import apply_chain_rule, quintic
+from planners.trajectory.curve import apply_chain_rule, evaluate_quintics, piece_at, quintic
 
 SWEEP_STEPS, FEWEST_STEPS, MOST_SWEEP_STEPS = 24, 16, 1000
 """Approximate number of steps of a stop, the number below which it is swept again in shorter steps, and the largest number."""

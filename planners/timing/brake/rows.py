@@ -14,6 +14,7 @@ from optik.types import Array, Flags, Indices
 from planners.limits import MotionLimits, PathPoints, sides
 from planners.limits.base import middle_and_half
 from planners.trajectory import Trajectory
+from planners.trajectory.curve import evaluate_quintics, piece_at
 
 CELLS_PER_PIECE = 2
 """Number of cells of each piece of the motion; between the ends of a cell the rows are interpolated."""
@@ -111,12 +112,12 @@ def cells_of(
     centres = [np.empty(0)]
     for kind in limits.kinds:
         if kind.order > 1 and kind.name in scales and kind.is_given(bounds[kind.name]):
-            found = kind.rows(at, bounds[kind.name])
-            padded = np.zeros((ends.size, found.shape[1], rows[kind.order][0].shape[2]))
-            padded[..., : found.shape[2]] = found
+            coefficients = kind.rows(at, bounds[kind.name])
+            padded = np.zeros((ends.size, coefficients.shape[1], rows[kind.order][0].shape[2]))
+            padded[..., : coefficients.shape[2]] = coefficients
             if kind.order == 2:  # rows of a pair are 0 in its middle
                 centre = _centre_of(bounds[kind.name])
-                centres.append(np.tile(centre, found.shape[1] // centre.size))
+                centres.append(np.tile(centre, coefficients.shape[1] // centre.size))
                 padded[..., 3] += centres[-1]
             rows[kind.order].append(padded / scales[kind.name])
     node, edge = (np.concatenate(each, axis=1) for each in rows.values())
@@ -133,30 +134,6 @@ def _centre_of(bound: Any) -> Array:
         return np.zeros(1)
     middle, half = middle_and_half(*sides(bound))
     return np.asarray(middle / half)
-
-
-def piece_at(knots: Array, t: Array) -> Indices:
-    """Return, for each time, the index of the piece of the motion that contains it."""
-    return np.clip(np.searchsorted(knots, t, side="right") - 1, 0, knots.size - 2)
-
-
-def evaluate_quintics(c: Array, piece: Indices, u: Array) -> Array:
-    """Return q and its derivatives (4, k, n) at times u (k,) after the first knots of pieces of quintics (6, m, n)."""
-    out = np.empty((4, u.size, c.shape[2]))
-    _evaluate(c, piece, u, out)
-    return out
-
-
-@compiled
-def _evaluate(c: Array, piece: Indices, u: Array, out: Array) -> None:
-    for i in range(u.shape[0]):
-        k, x = piece[i], u[i]
-        for n in range(c.shape[2]):
-            c0, c1, c2, c3, c4 = c[0, k, n], c[1, k, n], c[2, k, n], c[3, k, n], c[4, k, n]
-            out[0, i, n] = c[5, k, n] + x * (c4 + x * (c3 + x * (c2 + x * (c1 + x * c0))))
-            out[1, i, n] = c4 + x * (2.0 * c3 + x * (3.0 * c2 + x * (4.0 * c1 + x * 5.0 * c0)))
-            out[2, i, n] = 2.0 * c3 + x * (6.0 * c2 + x * (12.0 * c1 + x * 20.0 * c0))
-            out[3, i, n] = 6.0 * c2 + x * (24.0 * c1 + x * 60.0 * c0)
 
 
 @compiled

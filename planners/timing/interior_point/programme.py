@@ -207,24 +207,24 @@ def build_programme(
     (length, time), given_limits = units, limits
     K = len(tau)
     beside = min(1e-9 * (s[-1] - s[0]), 1e-3 * float(np.diff(s).min()))  # q''' may jump at a node of the path
-    found, v1 = derivatives(joint_path, s), length / time
+    along, v1 = derivatives(joint_path, s), length / time
     around = derivatives(joint_path, s[:-1] + beside)[3], derivatives(joint_path, s[1:] - beside)[3]
     if moving is not None:  # a motion that cannot be stretched later keeps a margin between grid points
         limits = limits.scale(TOOL_SPARE, (*TOOL_SPEEDS, *(limits.extra or ())))
         limits = limits.scale(TORQUE_SPARE, ("torque", "torque_rate"))
-    given = build_rows(joint_path, limits, s, found, around)
-    node = given.node * np.array([v1 / time, v1**2, v1, 1.0])
-    edge = given.edge * np.array([v1 / time**2, v1**2 / time, v1**3, v1, v1 / time, v1**2])
+    limit_rows = build_rows(joint_path, limits, s, along, around)
+    node = limit_rows.node * np.array([v1 / time, v1**2, v1, 1.0])
+    edge = limit_rows.edge * np.array([v1 / time**2, v1**2 / time, v1**3, v1, v1 / time, v1**2])
     start = np.zeros((K + 1, 4))
     start[:, 0], start[:, 1], start[:-1, 2] = v / v1, a * (time / v1), tau / time
     start[:-1, 3] = np.diff(start[:, 1]) / start[:-1, 2]
     top = np.minimum(speed_bound(joint_path, limits, s) / v1, 1e6)
     tau, ds = start[:-1, 2].copy(), np.diff(s) / length
-    if given.loaded:
+    if limit_rows.loaded:
         node = np.concatenate([node, _peaks(tau, top)], axis=1)
     least = np.maximum(SHORTEST_INTERVAL * tau, BRIEFEST_AT_TOP * ds / np.maximum(top[:-1], top[1:]))
     problem = Problem(ds, tau, least, top, node, edge, np.zeros(2))
-    return TimingProblem(joint_path, given_limits, problem, s, start, units, moving, given)
+    return TimingProblem(joint_path, given_limits, problem, s, start, units, moving, limit_rows)
 
 
 Indices = NDArray[np.int64]
@@ -271,11 +271,11 @@ def start(joint_path: JointPath, limits: MotionLimits, intervals: int | None, mo
     when = np.interp(np.linspace(0.0, share[-1], count + 1), share, t)
     changes = find_tool_limit_changes(limits, joint_path.path)
     when, k, nodes = _add_nodes(when, joint_path, along, motion, least, changes)
-    found = np.empty((3, when.size))
-    _sweep.sample(along.s, motion, when, found)
-    found[0, 0], found[0, -1], found[0, k] = 0.0, joint_path.end, nodes
-    kept = _is_increasing(found[0], np.concatenate([[0], k, [when.size - 1]]))
-    when, (s, v, a) = when[kept], found[:, kept]
+    states = np.empty((3, when.size))
+    _sweep.sample(along.s, motion, when, states)
+    states[0, 0], states[0, -1], states[0, k] = 0.0, joint_path.end, nodes
+    kept = _is_increasing(states[0], np.concatenate([[0], k, [when.size - 1]]))
+    when, (s, v, a) = when[kept], states[:, kept]
     units = 2.0 * joint_path.end / when.size, 2.0 * float(t[-1]) / when.size  # an interval is about half of either
     return build_programme(joint_path, limits, s, v, a, np.diff(when), units, None)
 
@@ -352,13 +352,13 @@ def _make_sweep_input(joint_path: JointPath, limits: MotionLimits) -> _sweep.Alo
     bound, top = limits.arrays(joint_path.robot.n), speed_bound(joint_path, limits, s)
     moving = find_moving(joint_path)
     A, J = (np.where(moving, bound[field], np.inf) for field in ("acceleration", "jerk"))
-    found = derivatives(joint_path, s)
-    *loaded, most = swept_rows(joint_path, limits, s, found)
+    along = derivatives(joint_path, s)
+    *loaded, most = swept_rows(joint_path, limits, s, along)
     if most.size:
-        q1, q2, q3 = (np.concatenate(pair, axis=1) for pair in zip(found[1:], loaded, strict=True))
+        q1, q2, q3 = (np.concatenate(pair, axis=1) for pair in zip(along[1:], loaded, strict=True))
         A, J = np.append(A, most[0]), np.append(J, most[1])
     else:
-        _, q1, q2, q3 = found
+        _, q1, q2, q3 = along
     size, length = np.abs(q1), float(s[-1])
     a, j = float((size / A).max(axis=1).mean()), float((size / J).max(axis=1).mean())
     # by order of magnitude no motion takes less time than these; far higher derivatives need not be told apart

@@ -19,6 +19,7 @@ from planners.limits import MotionLimits, PathPoints, kind_of
 from planners.limits.base import middle_and_half, sides
 from planners.limits.kinds import torque_rate_rows, torque_rows
 from planners.trajectory import Trajectory
+from planners.trajectory.curve import evaluate_quintics, piece_at
 
 # ---------------- time optimum under velocity and acceleration limits, and a smooth initial guess from it
 
@@ -128,9 +129,9 @@ def filter_motion(t: Array, s: Array, v: Array, width: float, at: Array, out: Ar
 
 def derivatives(joint_path: JointPath, s: Array) -> Array:
     """Return q, q', q'' and q''' at increasing path parameters, clamped to the path; at a node the right-hand values."""
-    out = np.empty((4, s.size, joint_path.robot.n))
-    _derivatives(joint_path.nodes, joint_path.coefficients, np.ascontiguousarray(s), out)
-    return out
+    at = np.clip(s, joint_path.nodes[0], joint_path.nodes[-1])
+    piece = piece_at(joint_path.nodes, at)
+    return evaluate_quintics(joint_path.coefficients, piece, at - joint_path.nodes[piece])
 
 
 def distances(joint_path: JointPath, s: Array, state: Array, tau: Array, ends: Array) -> Array:
@@ -150,21 +151,6 @@ def _piece(x: Array, s: float, k: int) -> int:
     while k < x.shape[0] - 2 and s >= x[k + 1]:
         k += 1
     return k
-
-
-@compiled
-def _derivatives(x: Array, c: Array, s: Array, out: Array) -> None:
-    k, n = 0, c.shape[2]
-    for i in range(s.shape[0]):
-        at = min(max(s[i], x[0]), x[-1])
-        k = _piece(x, at, k)
-        u = at - x[k]
-        for j in range(n):
-            c0, c1, c2, c3, c4 = c[0, k, j], c[1, k, j], c[2, k, j], c[3, k, j], c[4, k, j]
-            out[0, i, j] = c[5, k, j] + u * (c4 + u * (c3 + u * (c2 + u * (c1 + u * c0))))
-            out[1, i, j] = c4 + u * (2.0 * c3 + u * (3.0 * c2 + u * (4.0 * c1 + u * 5.0 * c0)))
-            out[2, i, j] = 2.0 * c3 + u * (6.0 * c2 + u * (12.0 * c1 + u * 20.0 * c0))
-            out[3, i, j] = 6.0 * c2 + u * (24.0 * c1 + u * 60.0 * c0)
 
 
 @compiled
@@ -241,13 +227,13 @@ def extra_rows(limits: MotionLimits, at: PathPoints, order: int) -> dict[str, Ar
 
 
 def build_rows(
-    joint_path: JointPath, limits: MotionLimits, s: Array, found: Array, around: tuple[Array, Array]
+    joint_path: JointPath, limits: MotionLimits, s: Array, along: Array, around: tuple[Array, Array]
 ) -> Rows:
     """Return the rows at path parameters s (K + 1,)."""
     after, before = around
-    at = PathPoints(joint_path, s, (*found[:3], np.vstack([after, before[-1:]])))
-    first = PathPoints(joint_path, s[:-1], (*found[:3, :-1], after))
-    last = PathPoints(joint_path, s[1:], (*found[:3, 1:], before))
+    at = PathPoints(joint_path, s, (*along[:3], np.vstack([after, before[-1:]])))
+    first = PathPoints(joint_path, s[:-1], (*along[:3, :-1], after))
+    last = PathPoints(joint_path, s[1:], (*along[:3, 1:], before))
     bounds = limits.bounds(joint_path.robot.n)
     node = [_pad(limits.rows("acceleration", at), 4)] if np.isfinite(bounds["acceleration"]).any() else []
     edge = [np.stack([_pad(limits.rows("jerk", side), 6) for side in (first, last)], axis=1)]
@@ -345,14 +331,14 @@ def dynamic_excess(value: Array, static: Array) -> Array:
 
 
 def torque_excess(
-    joint_path: JointPath, limits: MotionLimits, given: Rows, motion: Trajectory, values: tuple[Array, Array]
+    joint_path: JointPath, limits: MotionLimits, rows: Rows, motion: Trajectory, values: tuple[Array, Array]
 ) -> tuple[Array, Array]:
     """Return the ratios of torques and torque rates to their limits inside the pieces of a motion.
 
     They are computed only in pieces with a value near its limit at an end, because values differ little inside a piece.
     """
     robot, bounds = joint_path.robot, limits.bounds(joint_path.robot.n)
-    K, m, every = motion.knots.size - 1, given.lower.shape[1], given.node.shape[1]
+    K, m, every = motion.knots.size - 1, rows.lower.shape[1], rows.node.shape[1]
     rated = bool(np.isfinite(bounds["torque_rate"]).any())
     if not m and not rated:
         return np.empty((K, 0)), np.empty((K, 0))
@@ -364,15 +350,15 @@ def torque_excess(
     if not some.size:
         return torque, rate
     states = states_within(motion, some, BETWEEN_PLACES)
-    found = np.concatenate([_torques_of(robot.chain, load, states) for load in loads], axis=2)
-    found = found.reshape(BETWEEN_PLACES.size, some.size, 2, -1)
+    torques = np.concatenate([_torques_of(robot.chain, load, states) for load in loads], axis=2)
+    torques = torques.reshape(BETWEEN_PLACES.size, some.size, 2, -1)
     if m:
-        middle, half = middle_and_half(given.lower[some], given.upper[some])
+        middle, half = middle_and_half(rows.lower[some], rows.upper[some])
         share = BETWEEN_PLACES[:, None, None]
-        static = (1.0 - share) * given.static[some] + share * given.static[some + 1]
-        torque[some] = dynamic_excess((found[:, :, 0] - middle) / half, (static - middle) / half).max(axis=0)
+        static = (1.0 - share) * rows.static[some] + share * rows.static[some + 1]
+        torque[some] = dynamic_excess((torques[:, :, 0] - middle) / half, (static - middle) / half).max(axis=0)
     if rated:
-        rate[some] = (np.abs(found[:, :, 1]) / np.tile(bounds["torque_rate"], len(loads))).max(axis=0)
+        rate[some] = (np.abs(torques[:, :, 1]) / np.tile(bounds["torque_rate"], len(loads))).max(axis=0)
     return torque, rate
 
 
@@ -392,7 +378,7 @@ def _torques_of(chain: Chain, load: Load, states: Array) -> Array:
 
 
 def swept_rows(
-    joint_path: JointPath, limits: MotionLimits, s: Array, found: Array
+    joint_path: JointPath, limits: MotionLimits, s: Array, along: Array
 ) -> tuple[Array, Array, Array, Array]:
     """Return torques and torque rates as additional joints, for the sweeps of the initial guess.
 
@@ -405,7 +391,7 @@ def swept_rows(
         return none, none, none, np.empty((2, 0))
     first, second, third, most = [none], [none], [none], [np.empty((2, 0))]
     every = np.unique(np.append(np.arange(0, s.size, SWEPT_EVERY), s.size - 1))
-    at = PathPoints(joint_path, s[every], tuple(np.ascontiguousarray(x[every]) for x in found))
+    at = PathPoints(joint_path, s[every], tuple(np.ascontiguousarray(x[every]) for x in along))
     second_order = [*extra_rows(limits, at, 2).values()]
     if np.isfinite(bounds["torque"]).any():
         row, lower, upper = _torques(at, bounds["torque"])

@@ -355,15 +355,15 @@ def find_curve_points(
     each = 2 if few else MOST_WINDINGS
     starts = windings(robot, q, reference, moves, slack=pi + LIMIT_BAND, each=each)[: FEW_POINTS if few else None]
     still = windings(robot, q, reference, ~moves, each=each)
-    found = np.empty((0, robot.n))
+    points = np.empty((0, robot.n))
     for first, start in enumerate(starts if len(still) else ()):
         point = slide(robot, target, np.where(moves, start, still[0]), reference, tolerance)[None]
         point = select_inside(robot, target, tolerance, point)
         if first == 0 and len(point) and is_among(point[0], known):
             break
-        if len(point) and not is_among(point[0], found):
-            found = np.vstack([found, point])
-    rows = [np.where(moves, point, others) for point in found for others in still]
+        if len(point) and not is_among(point[0], points):
+            points = np.vstack([points, point])
+    rows = [np.where(moves, point, others) for point in points for others in still]
     return select_inside(robot, target, tolerance, np.array(rows).reshape(-1, robot.n))
 
 

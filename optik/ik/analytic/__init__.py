@@ -1,1 +1,0 @@
-"""Parts of `closed_form`: backends, roots and branches."""
