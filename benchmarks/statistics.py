@@ -1,4 +1,4 @@
-"""Statistics of a comparison: summaries, intervals, paired tests with Holm's correction, and performance profiles."""
+"""Statistics of a comparison: summaries, intervals, and paired tests with Holm's correction."""
 
 from __future__ import annotations
 
@@ -218,19 +218,3 @@ def binned(
         .sort("bin")
         .select(((pl.col("bin") + 0.5) * width).alias("middle"), pl.exclude("bin"))
     )
-
-
-def performance_profile(costs: ArrayLike, ratios: ArrayLike) -> Array:
-    """Return the fraction of problems that each method solves within a multiple of the least cost of any method there.
-
-    These are the performance profiles of Dolan and Moré (2002). A problem that no method solved counts among the problems
-    and is solved by none.
-    """
-    cost = np.asarray(costs, dtype=float)
-    best = cost.min(axis=1, keepdims=True)
-    with np.errstate(invalid="ignore"):
-        relative = np.where(np.isfinite(cost), cost / best, np.inf)
-    levels = np.asarray(ratios, dtype=float)
-    ordered = np.sort(relative, axis=0)
-    counts = [np.searchsorted(ordered[:, j], levels, side="right") for j in range(cost.shape[1])]
-    return np.stack(counts, axis=1) / len(cost)

@@ -9,11 +9,11 @@ import html
 import json
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 from importlib.resources import files
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -120,20 +120,21 @@ def lean(values: Any, digits: int = 4) -> Array:
     return np.asarray(np.round(x * up / down) / up * down)
 
 
-def steps_of(values: ArrayLike, count: int, most: int = MOST_STEPS) -> tuple[Array, Array]:
-    """Return the percentage of `count` at or below each value: an empirical distribution, to be drawn with level steps.
+def fractions(values: ArrayLike, most: int = MOST_STEPS) -> tuple[Array, Array]:
+    """Return the finite values, and the percentage of all values at or below each, to be drawn with level steps.
 
-    Of more steps than `most`, half are evenly spaced in their share, half become ever denser towards either end; the first
-    and the last are always there, and each that is drawn is exact.
+    Of more steps than `most`, half are evenly spaced in their percentage, half become ever denser towards either end; the
+    first and the last are always there, and each that is drawn is exact.
     """
-    x, counts = np.unique(np.asarray(values, dtype=float), return_counts=True)
-    share = 100.0 * np.cumsum(counts) / count
+    every = np.asarray(values, dtype=float)
+    x, counts = np.unique(every[np.isfinite(every)], return_counts=True)
+    percent = 100.0 * np.cumsum(counts) / max(len(every), 1)
     if len(x) > most:
-        even = np.searchsorted(share, np.linspace(share[0], share[-1], most // 2))
+        even = np.searchsorted(percent, np.linspace(percent[0], percent[-1], most // 2))
         dense = np.geomspace(1.0, len(x), most // 4).astype(int) - 1
         chosen = np.unique(np.concatenate([[0, len(x) - 1], even, dense, len(x) - 1 - dense]).clip(0, len(x) - 1))
-        x, share = x[chosen], share[chosen]
-    return np.concatenate([x[:1], x]), np.concatenate([[0.0], share])
+        x, percent = x[chosen], percent[chosen]
+    return np.concatenate([x[:1], x]), np.concatenate([[0.0], percent])
 
 
 def iterations(count: int) -> str:
@@ -298,14 +299,29 @@ def add(figure: Figure, trace: Any, when: When | None = None, **patch: Any) -> N
     figure.add_trace(trace)
 
 
-def add_steps(
-    figure: Figure, label: str, values: ArrayLike, count: int, look: Json, hover: str, when: When | None = None
-) -> None:  # fmt: skip
-    """Draw the percentage of `count` at or below each value, where there are values."""
-    if len(np.asarray(values)):
-        x, share = steps_of(values, count)
-        stepped = look | {"shape": "hv"}
-        add(figure, line(x, share, digits=6, name=label, line=stepped, hover=f"{label}<br>{hover}"), when)
+class Sample(NamedTuple):
+    """Values of a method, the look of their line, and the choices at which it is shown.
+
+    A value that is not finite stands for a failure.
+    """
+
+    label: str
+    values: ArrayLike
+    look: Json
+    when: When
+
+
+def fraction_plot(
+    id: str, title: str, x: str | Json, what: str, hover: str, samples: Iterable[Sample], height: int = 380, **layout: Any
+) -> Figure:  # fmt: skip
+    """Return a plot of the percentage of each sample at or below a value, with a line for each sample that has values."""
+    plot = figure(id, title, x, percent_axis(what), height, **layout)
+    for label, values, look, when in samples:
+        at, percent = fractions(values)
+        if len(at):
+            stepped = look | {"shape": "hv"}
+            add(plot, line(at, percent, digits=6, name=label, line=stepped, hover=f"{label}<br>{hover}"), when)
+    return plot
 
 
 def _floor_mark(letter: str, floor: float) -> Json:

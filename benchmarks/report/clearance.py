@@ -15,13 +15,13 @@ from benchmarks.report.base import KindReport, Run, Section
 from benchmarks.report.boards import (
     Board,
     Control,
+    Sample,
     add,
-    add_steps,
     axis,
     figure,
+    fraction_plot,
     interval,
     line,
-    percent_axis,
     ticked_axis,
 )
 from benchmarks.report.tables import Column, Table, number, table_of
@@ -95,23 +95,23 @@ def _board(blocks: Sequence[BlockRows], run: Run) -> Board:
         ticked_axis("median time of a motion [ms]", TIME_TICKS),
         axis("missed contacts [%]", range=[-0.04 * most, 1.05 * most]), 400,
     )  # fmt: skip
-    times = figure(
-        "clearance-times", "Motions judged within this time", ticked_axis("time [ms]", TIME_TICKS),
-        percent_axis("motions"), 400,
+    times = fraction_plot(
+        "clearance-times", "Motions judged within this time", ticked_axis("time [ms]", TIME_TICKS), "motions",
+        "%{y:.3~g} % within %{x:.3g} ms",
+        [Sample(label, rows["ms"], run.look(label), {"scene": [b.block.title]})
+         for b in blocks for label, rows in _by_method(b)], 400,
     )  # fmt: skip
     for b in blocks:
         for label, rows in _by_method(b):
-            contacts, ms = int(rows["contact"].sum()), rows["ms"].to_numpy()
-            when = {"scene": [b.block.title]}
+            contacts = int(rows["contact"].sum())
             if contacts:
                 share, low, high = percentage(int(rows["missed"].sum()), contacts)
                 add(missed, line(
-                    [np.median(ms)], [share], mode="markers", name=label,
+                    [rows["ms"].median()], [share], mode="markers", name=label,
                     marker={"color": run.colour(label), "size": 11, "symbol": run.symbol(label)},
                     error_y=interval([(share, low, high)], color=run.colour(label)),
                     hover=f"{label}<br>%{{y:.3g}} % of {contacts} contacts, %{{x:.3g}} ms",
-                ), when)  # fmt: skip
-            add_steps(times, label, ms, len(ms), run.look(label), "%{y:.3~g} % within %{x:.3g} ms", when)
+                ), {"scene": [b.block.title]})  # fmt: skip
     titles = [b.block.title for b in blocks]
     return Board(
         "clearance-board", (missed, times), (Control.of("scene", "Scene", titles),) if titles[1:] else (),

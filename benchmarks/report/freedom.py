@@ -20,14 +20,14 @@ from benchmarks.report.boards import (
     MUTED_COLOUR,
     Board,
     Control,
+    Sample,
     add,
-    add_steps,
     axis,
     colour,
     entry,
     figure,
+    fraction_plot,
     line,
-    percent_axis,
     squeeze,
     vary,
 )
@@ -123,14 +123,16 @@ def _ratios(blocks: Sequence[BlockRows]) -> Board:
     """Plot the distribution of the ratios of every set."""
     low = min(b.rows["ratio"].drop_nulls().to_numpy().min(initial=1.0) for b in blocks)
     across = axis("duration after / before", range=[low - 0.02, 1.02])
-    plot = figure("freedom-ratios", "Motions up to this ratio of durations", across,
-                  percent_axis("motions"), 380)  # fmt: skip
-    for b in blocks:
-        for k, (part, limits, rows) in enumerate(_groups(b)):
-            label = f"{part.label}, {part.arm}" + (f", {limits}" if b.block.limits[1:] else "")
-            look = {"color": colour(k), "width": 2, "dash": ("solid", "dash", "dot")[k % 3]}
-            ratios = rows["ratio"].drop_nulls().to_numpy()
-            add_steps(plot, label, ratios, len(rows), look, "%{y:.3g} % up to %{x:.4g}", {"block": [b.block.id]})
+    samples = [
+        Sample(
+            f"{part.label}, {part.arm}" + (f", {limits}" if b.block.limits[1:] else ""), rows["ratio"],
+            {"color": colour(k), "width": 2, "dash": ("solid", "dash", "dot")[k % 3]}, {"block": [b.block.id]},
+        )
+        for b in blocks
+        for k, (part, limits, rows) in enumerate(_groups(b))
+    ]  # fmt: skip
+    title, hover = "Motions up to this ratio of durations", "%{y:.3g} % up to %{x:.4g}"
+    plot = fraction_plot("freedom-ratios", title, across, "motions", hover, samples)
     return Board(
         "freedom-board",
         (plot,),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -11,7 +12,7 @@ from benchmarks.blocks.base import BlockRows
 from benchmarks.blocks.motion import COUNTED, MEASURES, OURS
 from benchmarks.records import slug
 from benchmarks.report.base import KindReport, Run, Section
-from benchmarks.report.boards import Board, Control, add_steps, axis, figure
+from benchmarks.report.boards import Board, Control, Sample, axis, fraction_plot
 from benchmarks.report.tables import Column, Group, Table, number, table_of
 
 HOW_PLANNED = (
@@ -39,9 +40,9 @@ UNSOLVED_COLUMNS = tuple(
 """Columns of the list of problems without a proved motion."""
 
 
-def _groups(b: BlockRows) -> list[Group]:
+def _by_method(b: BlockRows) -> list[tuple[str, pl.DataFrame]]:
     found = [(label, b.rows.filter(COUNTED, pl.col("method") == label)) for label in b.block.labels]
-    return [({"label": label}, rows) for label, rows in found if not rows.is_empty()]
+    return [(label, rows) for label, rows in found if not rows.is_empty()]
 
 
 def tables(run: Run) -> Sequence[Table]:
@@ -63,7 +64,8 @@ def _table(b: BlockRows) -> Table:
     )
     absent = [label for label in b.block.labels if label not in b.rows["method"].unique().to_list()]
     note += f" Not run: {', '.join(absent)}; see docs/obstacles.md." if absent else ""
-    return table_of(f"motion-{slug(b.block.id)}", b.block.title, MOTION_COLUMNS, _groups(b), note)
+    groups: list[Group] = [({"label": label}, rows) for label, rows in _by_method(b)]
+    return table_of(f"motion-{slug(b.block.id)}", b.block.title, MOTION_COLUMNS, groups, note)
 
 
 def unsolved_of(b: BlockRows) -> Table:
@@ -103,27 +105,23 @@ def section(run: Run) -> dict[str, Any] | None:
 
 def _board(blocks: Sequence[BlockRows], run: Run) -> Board:
     """Plot the distributions of the CPU times, and of the durations over those with stops."""
-    percent = axis("problems [%]", range=[-2, 102])
-    times = figure("motion-times", "Proved within this time", axis("CPU time [ms]", type="log"), percent, 380)
-    ratios = figure(
-        "motion-ratios", "Proved, up to this duration over stops", axis("duration / duration with stops"), percent, 380
-    )
-    for b in blocks:
-        for given, rows in _groups(b):
-            assert rows is not None
-            label, solved, when = str(given["label"]), rows.filter("solved"), {"block": [b.block.id]}
-            add_steps(
-                times,
-                label,
-                solved["ms"].to_numpy(),
-                len(rows),
-                run.look(label),
-                "%{y:.3~g} % within %{x:.3g} ms",
-                when,
-            )
-            bent = rows.filter(pl.col("before").is_not_null())
-            over = bent.filter("solved")["over_stops"].to_numpy()
-            add_steps(ratios, label, over, len(bent), run.look(label), "%{y:.3~g} % up to %{x:.3g}", when)
+
+    def samples(column: str, among: pl.Expr) -> list[Sample]:
+        value = pl.when("solved").then(column).otherwise(math.inf)
+        return [
+            Sample(label, rows.filter(among).select(value).to_series(), run.look(label), {"block": [b.block.id]})
+            for b in blocks
+            for label, rows in _by_method(b)
+        ]
+
+    times = fraction_plot(
+        "motion-times", "Proved within this time", axis("CPU time [ms]", type="log"), "problems",
+        "%{y:.3~g} % within %{x:.3g} ms", samples("ms", pl.lit(value=True)),
+    )  # fmt: skip
+    ratios = fraction_plot(
+        "motion-ratios", "Proved, up to this duration over stops", "duration / duration with stops", "problems",
+        "%{y:.3~g} % up to %{x:.3g}", samples("over_stops", pl.col("before").is_not_null()),
+    )  # fmt: skip
     return Board(
         "motion-board", (times, ratios), (Control.of_blocks(blocks),),
         "Percentages are of all problems whose ends are free; on the right, of those whose polyline has a vertex.",

@@ -18,7 +18,7 @@ from benchmarks.blocks.calls import CallRows, timed_by_first_round
 from benchmarks.blocks.entries import JUDGED_AT, judged, solved_at
 from benchmarks.records import RunFolder
 from benchmarks.report.base import Run, load_report
-from benchmarks.report.calls import block_winners, by_sigma, profile_costs
+from benchmarks.report.calls import block_winners, by_sigma, profile_ratios
 from benchmarks.report.calls.tables import block_tables
 from benchmarks.report.tables import Table, shown_rows
 from benchmarks.run import run_suite
@@ -376,11 +376,12 @@ def test_the_profile_and_the_bins_of_singular_values_are_counted(
 ) -> None:
     labels = ("lm", "dls", "few")
     shared = set.intersection(*(set(raw[label]["problem"]) for label in labels))
-    costs = profile_costs(block.rows.filter(pl.col("method").is_in(labels)), labels)
-    for row, problem in zip(costs, sorted(shared), strict=True):
-        for cost, label in zip(row, labels, strict=True):
-            i = list(raw[label]["problem"]).index(problem)
-            assert cost == (raw[label]["ns"][i] if raw[label]["solved"][i] else math.inf)
+    found = profile_ratios(block.rows.filter(pl.col("method").is_in(labels)), labels)
+    for k, problem in enumerate(sorted(shared)):
+        rows = {label: list(raw[label]["problem"]).index(problem) for label in labels}
+        costs = {label: raw[label]["ns"][i] if raw[label]["solved"][i] else math.inf for label, i in rows.items()}
+        for label, cost in costs.items():
+            assert found[label][k] == (cost / min(costs.values()) if math.isfinite(cost) else math.inf)
     part = block.by_method["dls"]
     edges = np.quantile(np.maximum(part["sigma"].to_numpy(), 1e-12), [0.0, 0.3, 0.7, 1.0]) + np.array(
         [0.0, 1e-13, 1e-13, 1e-6]

@@ -6,6 +6,7 @@ import base64
 import gzip
 import io
 import json
+import math
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -24,16 +25,18 @@ from benchmarks.report.base import Run, Winner
 from benchmarks.report.boards import (
     Board,
     Control,
+    Sample,
     add,
     band,
     entry,
     figure,
+    fraction_plot,
+    fractions,
     heatmap,
     lean,
     line,
     log_axis,
     packed,
-    steps_of,
     variable,
 )
 from benchmarks.report.formats import draw
@@ -359,16 +362,23 @@ def test_every_format_is_written_into_the_run(copied: RunFolder, monkeypatch: py
 
 
 def test_a_distribution_is_drawn_from_every_value_and_exact_at_its_ends() -> None:
-    x, share = steps_of([3.0, 1.0, 2.0, 2.0], 5)  # the fifth has failed
-    assert (x.tolist(), share.tolist()) == ([1.0, 1.0, 2.0, 3.0], [0.0, 20.0, 60.0, 80.0])
+    x, percents = fractions([3.0, 1.0, 2.0, math.inf, 2.0])  # the fourth has failed
+    assert (x.tolist(), percents.tolist()) == ([1.0, 1.0, 2.0, 3.0], [0.0, 20.0, 60.0, 80.0])
     values = np.random.default_rng(1).lognormal(size=20_000)
-    x, share = steps_of(values, 25_000)
+    x, percents = fractions([*values, *[math.nan] * 5_000])
     assert len(x) <= 302
-    assert (x[0], x[-1], share[0], share[-1]) == (values.min(), values.max(), 0.0, 80.0)
-    for value, percent in zip(x[1:], share[1:], strict=True):
+    assert (x[0], x[-1], percents[0], percents[-1]) == (values.min(), values.max(), 0.0, 80.0)
+    for value, percent in zip(x[1:], percents[1:], strict=True):
         assert percent == pytest.approx(100.0 * np.count_nonzero(values <= value) / 25_000)
-    assert share[1] == 100.0 / 25_000  # not the first whole percent
-    assert np.diff(share).max() < 1.0
+    assert percents[1] == 100.0 / 25_000  # not the first whole percent
+    assert np.diff(percents).max() < 1.0
+    samples = [
+        Sample("some", values, {}, {"group": ["a"]}),
+        Sample("none", [math.inf], {}, {}),
+        Sample("no rows", [], {}, {}),
+    ]
+    (trace,) = fraction_plot("id", "title", "x", "paths", "%{y}", samples).data
+    assert (trace.name, trace.meta) == ("some", {"when": {"group": ["a"]}})
 
 
 def test_a_name_with_a_comma_is_told_from_two_names() -> None:

@@ -22,7 +22,6 @@ from benchmarks.statistics import (
     median_interval,
     not_longer,
     not_told_apart,
-    performance_profile,
     quantiles,
     ratio_interval,
     shifted_geometric_mean,
@@ -178,18 +177,6 @@ def test_intervals_of_failures_of_few_and_of_many_values() -> None:
     assert value == np.median(many)
     assert low < value < high
     assert high - low == pytest.approx(2 * 1.96 * 1.2533 / math.sqrt(2000), rel=0.2)  # of the part that was drawn
-
-
-def test_a_performance_profile_is_counted_problem_by_problem() -> None:
-    rng = np.random.default_rng(9)
-    costs = rng.lognormal(size=(50, 3))
-    costs[rng.random((50, 3)) < 0.2] = np.inf
-    costs[7] = np.inf
-    ratios = [1.0, 1.5, 3.0, 1e9]
-    for i, ratio in enumerate(ratios):
-        for j in range(3):
-            held = sum(np.isfinite(c[j]) and c[j] / min(c) <= ratio for c in costs)
-            assert performance_profile(costs, ratios)[i, j] == pytest.approx(held / 50)
 
 
 def test_success_needs_both_errors_and_the_limits() -> None:

@@ -214,7 +214,7 @@ def test_the_optimum_is_the_shortest_motion_that_keeps_every_limit(tmp_path: Pat
     assert found[0, "a"]["kept_over_optimum"] == 1.0  # room that is left is no reason to be faster than it is
     assert found[0, "b"]["over_optimum"] == 0.5
     assert found[0, "b"]["kept_over_optimum"] == 1.5
-    assert found[0, "c"]["over_optimum"] is None
+    assert found[0, "c"]["over_optimum"] == found[0, "c"]["kept_over_optimum"] == math.inf  # no motion
     assert found[1, "a"]["over_optimum"] == pytest.approx(1.2)
 
 
@@ -247,7 +247,9 @@ def test_measures_are_what_their_names_say(tmp_path: Path) -> None:
 
     for measure, value in wanted.items():
         assert judged(measure, method="a")[0] == pytest.approx(value), measure
-    assert judged("worst_optimum", method="a", group="regular")[0] == pytest.approx(1.5)
+    assert judged("median_optimum", method="a") == (pytest.approx(1.25), "3 of 4 motions")  # of 1, 1, 1.5 and none
+    assert judged("worst_optimum", method="a", group="near_singular")[0] == pytest.approx(1.0)
+    assert judged("worst_optimum", method="a", group="regular")[0] == math.inf
     assert judged("worst_ratio", method="a", group="near_singular") == (1.2, "1 motions")
     assert re.findall(r"\d+", judged("worst_ratio", method="a")[1]) == ["3", "4"]
     assert np.isnan(judged("worst_ratio", method="b")[0])
@@ -521,7 +523,8 @@ def test_a_motion_that_is_20_ppm_over_is_no_infinite_jerk(tmp_path: Path) -> Non
     assert found["near"]["kept_over_optimum"] == 1.0  # it has the shortest motion once it is slowed
     assert found["near"]["optimum"] == pytest.approx(1.00001)
     assert found["jump"]["kept_over_optimum"] == math.inf
-    assert [found[law]["kept_over_optimum"] for law in ("short cut", "half way", "too far", "none")] == [None] * 4
+    assert [found[law]["kept_over_optimum"] for law in ("short cut", "half way", "too far", "none")] == [math.inf] * 4
+    assert found["short cut"]["over_optimum"] == pytest.approx(0.1, rel=1e-4)  # unchanged, it is what it is
 
 
 def test_a_ratio_shows_that_it_is_above_one() -> None:

@@ -16,7 +16,7 @@ from benchmarks.blocks.block import Target
 from benchmarks.blocks.contest import clock_cost
 from benchmarks.blocks.entries import about_file, check_same, scene_named
 from benchmarks.blocks.timing.motions import DrawnLine, motion_of, stands_of
-from benchmarks.blocks.timing.rows import FIELDS, in_group, with_optimum
+from benchmarks.blocks.timing.rows import FIELDS, OF_EVERY_MOTION, in_group, with_optimum
 from benchmarks.blocks.timing.rows import MEASURES as MEASURES
 from benchmarks.blocks.timing.settings import GIVEN_LINE, LawBlock, LineSet, told
 from benchmarks.blocks.timing.timers import enter_laws, line_rows, write_example
@@ -164,7 +164,7 @@ class _Timing(Kind):
         note = f"{len(own):,} motions" if len(good) == len(own) else f"{len(good):,} of {len(own):,} motions"
         if target.to:
             return rows.filter("solved"), note
-        if target.measure == "solved":
+        if target.measure in OF_EVERY_MOTION:
             return own, note if len(own) else "no such lines"
         if target.measure == "plan_ms":
             good = good.filter(pl.col("ms_plan").is_not_null())

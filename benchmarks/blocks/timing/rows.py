@@ -112,11 +112,11 @@ ON_PATH_M, ON_PATH_RAD = 1e-4, 1e-4
 def with_optimum(rows: pl.DataFrame) -> pl.DataFrame:
     """Return rows with ``optimum`` T* [s] and ``over_optimum`` T / T*.
 
-    A motion that exceeds a limit is compared after the uniform slow-down that ours get, too: as much slower as it must be
-    to keep all limits. T* is the least duration on that line within those limits of any motion after that, the reference's
-    included. ``kept_over_optimum`` is the ratio after the slow-down, infinite where none suffices. ``keeps_all`` says
-    whether a motion keeps all limits as it is, ``nearly`` whether it exceeds none by more than 0.1 %. A motion that is not
-    on its path, or does not run through it, counts as none (``follows``).
+    T* is the least duration on that line within those limits of any motion, the reference's included, after the uniform
+    stretch in time that ours get, too: as much as it needs to meet all limits. ``kept_over_optimum`` is the ratio after the
+    stretch. Both ratios are infinite where there is no motion, and the second also where no stretch suffices or the motion
+    is not on its path or does not cover it (``follows``). ``keeps_all`` says whether a motion meets all limits unchanged,
+    ``nearly`` whether it exceeds none by more than 0.1 %.
     """
     on_path = (pl.col("distance") <= ON_PATH_M) & (pl.col("angle") <= ON_PATH_RAD)
     inside = ~pl.col("breaks").str.contains("position")
@@ -136,8 +136,8 @@ def with_optimum(rows: pl.DataFrame) -> pl.DataFrame:
             optimum=pl.when(pl.col("slowed_duration").is_finite()).then("slowed_duration").min().over("problem")
         )
         .with_columns(
-            over_optimum=pl.col("duration") / pl.col("optimum"),
-            kept_over_optimum=pl.col("slowed_duration") / pl.col("optimum"),
+            over_optimum=(pl.col("duration") / pl.col("optimum")).fill_null(np.inf),
+            kept_over_optimum=(pl.col("slowed_duration") / pl.col("optimum")).fill_null(np.inf),
         )
         .sort("line", "limits", maintain_order=True)
     )
@@ -169,6 +169,9 @@ def _paired(column: str, statistic: Callable[[Any], Any]) -> Callable[..., float
     return compute
 
 
+OF_EVERY_MOTION = ("solved", "median_optimum", "worst_optimum", "median_kept", "worst_kept")
+"""Measures of all requested motions; the others are of those that were found."""
+
 MEASURES = (
     Column("solved", "lines with a motion", "%", of=mean("solved", 100.0)),
     Column("kept", "motions within every limit, exactly", "%", of=mean("keeps_all", 100.0)),
@@ -199,7 +202,7 @@ MEASURES = (
     Column("bound_over_truth", "largest certified deviation / max(dense sampling, 1 nm or nrad)",
            of=_deviations(lambda true, bound: bound / np.maximum(true, NANO))),
 )  # fmt: skip
-"""Measures that a target of timed lines can name; ``solved`` is computed on all rows of a law, with a motion or without."""
+"""Measures that a target of timed lines can name."""
 
 
 def in_group(rows: pl.DataFrame, group: str) -> pl.DataFrame:

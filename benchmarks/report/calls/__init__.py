@@ -2,24 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import polars as pl
+from numpy.typing import ArrayLike
 
 from benchmarks.blocks.block import values_of
 from benchmarks.blocks.calls import FIRST_ROUND_FROM, CallRows
 from benchmarks.blocks.contest import version_words
 from benchmarks.blocks.entries import shared
 from benchmarks.report.base import KindReport, Run, Section, Winner
-from benchmarks.report.boards import Board, Control, Json, add, add_steps, figure, line, log_axis, percent_axis, vary
+from benchmarks.report.boards import (
+    Board,
+    Control,
+    Sample,
+    add,
+    figure,
+    fraction_plot,
+    line,
+    log_axis,
+    percent_axis,
+    vary,
+)
 from benchmarks.report.budgets.default import has_same_problems
 from benchmarks.report.calls.tables import LABEL, block_tables
 from benchmarks.report.page import most_solved, ranked
 from benchmarks.report.tables import Cell, Column, Table
-from benchmarks.statistics import median_interval, not_longer, percentage, performance_profile
+from benchmarks.statistics import median_interval, not_longer, percentage
 from optik.types import Array
 
 if TYPE_CHECKING:
@@ -31,56 +43,36 @@ PLOT_ROOM = 0.03
 LEAST_ERROR = 1e-12
 """Errors below this [m, rad] are drawn here: they are rounding, not a result."""
 
-PROFILE_POINTS = 200
-"""Multiples of the least time at which a performance profile is drawn, evenly on its logarithmic axis."""
-
 SIGMA_BINS = 12
 """Bins of the smallest singular value, each as wide as the others on a logarithmic axis."""
 
 FEWEST_IN_BIN = 10
 """Least number of problems in a bin with a plotted rate: with fewer it is not informative."""
 
-PointsOf = Callable[[CallRows, str, pl.DataFrame], Json]
-"""Function from a block, a label and its rows to the plotted values; if they are empty, nothing is drawn."""
-
-
-def _plot(id: str, title: str, across: Json, height: int, blocks: list[CallRows], run: Run, points: PointsOf) -> Figure:
-    """Return a plot of the percentage solved, with a line for each method of each block."""
-    plot = figure(id, title, across, percent_axis("problems solved"), height)
-    for b in blocks:
-        for label, part in b.by_method.items():
-            look = run.look(label) | {"shape": "hv"}
-            if found := points(b, label, part):
-                found["hover"] = f"{label}<br>{found['hover']}"
-                add(plot, line(**found, name=label, line=look), {"block": [b.block.id]})
-    return plot
-
 
 def _board(id: str, blocks: list[CallRows], run: Run, plots: tuple[Figure, ...], caption: str) -> Board:
     return Board(id, plots, (Control.of_blocks(blocks),), caption)
 
 
-def _add_distributions(
-    plot: Figure, blocks: list[CallRows], run: Run, values: Callable[[pl.DataFrame], Array], hover: str
-) -> None:
-    """Draw the percentage of all problems at or below each value, for each method of each block."""
+def _samples(blocks: list[CallRows], run: Run, values: Callable[[CallRows, str], ArrayLike]) -> Iterator[Sample]:
+    """Yield the values of each method of each block."""
     for b in blocks:
-        for label, part in b.by_method.items():
-            add_steps(plot, label, values(part), len(part), run.look(label), hover, {"block": [b.block.id]})
+        for label in b.by_method:
+            yield Sample(label, values(b, label), run.look(label), {"block": [b.block.id]})
 
 
-def _solved_us(rows: pl.DataFrame) -> Array:
-    """Return the times of the calls that solved [µs]."""
-    return rows.filter("solved")["ns"].to_numpy() / 1e3
+SOLVED_NS = pl.when("solved").then(pl.col("ns").cast(pl.Float64)).otherwise(np.inf)
+"""Time of a call that solved [ns], infinite for others."""
 
 
 def success_in_time(blocks: list[CallRows], run: Run) -> Board:
     """Return the percentage of all problems that each method has solved within a time."""
     across = log_axis("time budget of a call [µs]", dtick=1)
-    plot = figure("success-time", "Success against time budget", across, percent_axis("problems solved"), 420)
-    _add_distributions(plot, blocks, run, _solved_us, "%{y:.4~g} % solved within %{x:.3g} µs")
+    samples = _samples(blocks, run, lambda b, label: b.by_method[label].select(SOLVED_NS / 1e3).to_series())
+    hover = "%{y:.4~g} % solved within %{x:.3g} µs"
+    plot = fraction_plot("success-time", "Success against time budget", across, "problems solved", hover, samples, 420)
     for b in blocks:
-        us = _solved_us(b.rows)
+        us = values_of(b.rows.filter("solved"), SOLVED_NS / 1e3)
         if len(us):
             vary(plot, {"block": [b.block.id]}, {"xaxis": {"range": _widened(np.log10(us.min()), np.log10(us.max()))}})
     caption = (
@@ -98,19 +90,11 @@ def _widened(low: float, high: float) -> list[float]:
 
 def profiles(blocks: list[CallRows], run: Run) -> Board:
     """Return performance profiles: problems solved within a multiple of the fastest method's time there."""
-    costs = {b.block.id: profile_costs(b.rows, tuple(b.by_method)) for b in blocks}
-
-    def points(b: CallRows, label: str, part: pl.DataFrame) -> Json:
-        cost = costs[b.block.id]
-        if not len(cost):
-            return {}
-        ratios = _profile_ratios(cost)
-        rates = performance_profile(cost, ratios)[:, list(b.by_method).index(label)]
-        hover = f"%{{y:.4~g}} % within %{{x:.3g}} times the least, of {len(cost):,}"
-        return {"x": ratios, "y": 100.0 * rates, "digits": 5, "hover": hover}
-
+    ratios = {b.block.id: profile_ratios(b.rows, tuple(b.by_method)) for b in blocks}
+    samples = _samples(blocks, run, lambda b, label: ratios[b.block.id][label])
     across = log_axis("time / least time of any method on the same problem", dtick=1)
-    plot = _plot("call-profile", "Performance profile", across, 380, blocks, run, points)
+    hover = "%{y:.4~g} % within %{x:.3g} times the least"
+    plot = fraction_plot("call-profile", "Performance profile", across, "problems solved", hover, samples)
     caption = (
         "On the problems that all methods were given (Dolan and Moré 2002). At 1: how often a method is the fastest that "
         "solves; at the right end: its success rate. The profile compares each method with the best one only."
@@ -118,36 +102,23 @@ def profiles(blocks: list[CallRows], run: Run) -> Board:
     return _board("call-profile-board", blocks, run, (plot,), caption)
 
 
-def _profile_ratios(costs: Array) -> Array:
-    """Return multiples of the least time, up to the largest one at which a problem was solved."""
-    best = costs.min(axis=1, keepdims=True, initial=np.inf)
-    solved = np.isfinite(costs)
-    return np.geomspace(1.0, 1.0001 * max((costs / best)[solved].max(initial=1.0), 10.0), PROFILE_POINTS)
-
-
-def profile_costs(rows: pl.DataFrame, labels: tuple[str, ...]) -> Array:
-    """Return the time of each method on each problem that all were given."""
-    both = shared(rows, labels).with_columns(
-        cost=pl.when("solved").then(pl.col("ns").cast(pl.Float64)).otherwise(np.inf)
-    )
-    columns = [both.filter(pl.col("method") == label).sort("problem")["cost"].to_numpy() for label in labels]
-    return np.stack(columns, axis=1)
+def profile_ratios(rows: pl.DataFrame, labels: tuple[str, ...]) -> dict[str, Array]:
+    """Return the time of each method over the least of any, on each problem that all were given; infinite if unsolved."""
+    least = SOLVED_NS.min().over("problem")
+    both = shared(rows, labels).with_columns(ratio=pl.when("solved").then(SOLVED_NS / least).otherwise(np.inf))
+    return {label: both.filter(pl.col("method") == label).sort("problem")["ratio"].to_numpy() for label in labels}
 
 
 def errors(blocks: list[CallRows], run: Run) -> Board:
     """Return distributions of the errors of answers inside the limits, of position and of rotation."""
 
     def plot(what: str, unit: str) -> Figure:
-        title = f"Percentage of problems with at most this {what} error"
-        found = figure(
-            f"call-{what}", title, log_axis(f"{what} error [{unit}]", dtick=3), percent_axis("problems"), 360
-        )
-
-        def values(part: pl.DataFrame) -> Array:
-            return values_of(part, pl.col(f"{what}_error").filter("inside").clip(LEAST_ERROR))
-
-        _add_distributions(found, blocks, run, values, f"%{{y:.4~g}} % within %{{x:.2g}} {unit}")
-        return found
+        inside = pl.when("inside").then(pl.col(f"{what}_error").clip(LEAST_ERROR)).otherwise(np.inf)
+        return fraction_plot(
+            f"call-{what}", f"Percentage of problems with at most this {what} error",
+            log_axis(f"{what} error [{unit}]", dtick=3), "problems", f"%{{y:.4~g}} % within %{{x:.2g}} {unit}",
+            _samples(blocks, run, lambda b, label: b.by_method[label].select(inside).to_series()), 360,
+        )  # fmt: skip
 
     caption = f"Answers inside the limits, by optik's forward kinematics. The least error shown is {LEAST_ERROR:g}."
     return _board("call-errors-board", blocks, run, (plot("position", "m"), plot("rotation", "rad")), caption)
@@ -157,14 +128,16 @@ def against_singularity(blocks: list[CallRows], run: Run) -> Board | None:
     """Return the percentage solved against the smallest singular value at the solution that generated the target."""
     known = [b for b in blocks if b.rows["sigma"].is_finite().any() and not b.rows["solved"].all()]
 
-    def points(b: CallRows, label: str, part: pl.DataFrame) -> Json:
-        rates = by_sigma(part, _singular_edges(b.rows))
-        text = [f"{y:.4g} % [{low:.4g}, {high:.4g}] of {n:,}" for _, y, low, high, n in rates]
-        x, y = [r[0] for r in rates], [r[1] for r in rates]
-        return {"x": x, "y": y, "digits": 6, "mode": "lines+markers", "text": text, "hover": "%{text}"}
-
-    across = log_axis("smallest singular value at the solution", dtick=1)
-    plot = _plot("call-sigma", "Success against the smallest singular value", across, 380, known, run, points)
+    across, percent = log_axis("smallest singular value at the solution", dtick=1), percent_axis("problems solved")
+    plot = figure("call-sigma", "Success against the smallest singular value", across, percent, 380)
+    for b in known:
+        for label, part in b.by_method.items():
+            rates = by_sigma(part, _singular_edges(b.rows))
+            add(plot, line(
+                [r[0] for r in rates], [r[1] for r in rates], digits=6, mode="lines+markers", name=label,
+                text=[f"{y:.4g} % [{low:.4g}, {high:.4g}] of {n:,}" for _, y, low, high, n in rates],
+                line=run.look(label) | {"shape": "hv"}, hover=f"{label}<br>%{{text}}",
+            ), {"block": [b.block.id]})  # fmt: skip
     caption = (
         f"{SIGMA_BINS} bins of equal width on this axis; bins with fewer than {FEWEST_IN_BIN} problems are omitted. Hover for "
         "the Wilson intervals."

@@ -10,6 +10,7 @@ import numpy as np
 import polars as pl
 
 from benchmarks.blocks.base import BlockRows
+from benchmarks.blocks.block import median
 from benchmarks.blocks.entries import JOINT_LIMITS
 from benchmarks.blocks.timing.rows import in_group
 from benchmarks.blocks.timing.settings import GIVEN_LINE, LINE_KINDS, LawBlock, LimitSet
@@ -33,7 +34,6 @@ from benchmarks.report.timing.tables import (
     example_boards,
     law_tables,
     make_line_tables,
-    or_infinite,
     plan_times,
     plot_singularity,
     torques,
@@ -72,23 +72,24 @@ def _line_words(b: BlockRows) -> str:
 def _medians(b: BlockRows) -> str:
     words, lines = [], b.rows["line"].n_unique()
     for label in b.entries:
-        rows = b.rows.filter((pl.col("method") == label) & pl.col("solved"))
+        every = b.rows.filter(pl.col("method") == label)
+        rows = every.filter("solved")
         if rows.is_empty():
             continue
         kept = int(rows["keeps_all"].sum())
         keeps = "within every limit"
         if kept < len(rows):
             keeps += f" on {percent(100.0 * kept / len(rows))}"
-        ratio_, ms = (float(np.median(rows[column].to_numpy())) for column in ("over_optimum", "ms_law"))
         over = int(rows["over_torque"].sum())
         if over:
             keeps += f", exceeds a torque limit on {percent(100.0 * over / len(rows))}"
         off = len(rows) - int(rows["follows"].sum())
         if off:
             keeps += f", leaves the path on {off:,} of {len(rows):,}"
-        asked = b.rows.filter(pl.col("method") == label)["line"].n_unique()
+        asked = every["line"].n_unique()
+        middle, ms = (median(column)(every) for column in ("over_optimum", "ms_law"))
         given = f" on {asked:,} motions" if asked < lines else ""
-        words.append(f"{label} {number(ratio_, 4)} T*{given} ({keeps}, {number(ms)} ms)")
+        words.append(f"{label} {number(middle, 4)} T*{given} ({keeps}, {number(ms)} ms)")
     if not words:
         return ""
     return (
@@ -185,8 +186,8 @@ def kind_winners(b: BlockRows, kind: str) -> list[Winner]:
     parts = {label: rows.filter(pl.col("method") == label) for label in who.labels}
     note = f"medians of the same {count:,} motions for all"
     where, note = f"{b.block.title}, {kind.replace('_', '-')}", note + unable + who.left_out
-    lengths = {label: or_infinite(part["kept_over_optimum"]) for label, part in parts.items()}
-    times = {label: or_infinite(part["ms_law"]) for label, part in parts.items()}
+    lengths = {label: part["kept_over_optimum"].to_numpy() for label, part in parts.items()}
+    times = {label: part["ms_law"].fill_null(np.inf).to_numpy() for label, part in parts.items()}
     return [
         _winner(f"Shortest motions, all stretched to meet the limits: {where}", "× T*", lengths, note),
         _winner(f"Shortest computing time: {where}", "ms", times, note),

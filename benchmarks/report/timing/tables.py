@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,22 +22,21 @@ from benchmarks.report.boards import (
     MUTED_COLOUR,
     Board,
     Control,
+    Sample,
     add,
-    add_steps,
     axis,
     band,
     colour,
     figure,
+    fraction_plot,
     line,
     log_axis,
-    percent_axis,
     ticked_axis,
 )
 from benchmarks.report.tables import Cell, Column, Group, Table, quote_label, table_of
 from benchmarks.report.timing.line import law_table
 from optik.check import format_count
 from optik.registry import short_name
-from optik.types import Array
 from planners.limits import DERIVATIVES, LOADED, limit_names
 
 if TYPE_CHECKING:
@@ -87,13 +86,9 @@ def law_tables(b: BlockRows) -> list[Table]:
     return whole + parts
 
 
-def _or_infinite(column: str) -> Callable[[pl.DataFrame], Array]:
-    return lambda own: or_infinite(own[column])
-
-
 def laws_table(b: BlockRows, rows: pl.DataFrame, title: str, name: str) -> Table:
     """Return every law and peer on some lines: unchanged, within 0.1 %, and after a uniform slow-down."""
-    ms, fields, stretched = "ms", limited(rows), _or_infinite("kept_over_optimum")
+    ms, fields, stretched = "ms", limited(rows), "kept_over_optimum"
     jerk, valid = "sampled_jerk", mean("holds", 100.0, among="solved")
 
     def holds(own: pl.DataFrame) -> Cell:
@@ -109,7 +104,7 @@ def laws_table(b: BlockRows, rows: pl.DataFrame, title: str, name: str) -> Table
           if "torque" in fields else []),
         Column("nearly", "within 0.1 %", "%", "more", "share", of=share("nearly")),
         Column("worst", "largest peak / limit", show="limit", of=largest("worst", among="solved")),
-        Column("as_is", "T / T*, unchanged", of=median_with_interval(_or_infinite("over_optimum"))),
+        Column("as_is", "T / T*, unchanged", of=median_with_interval("over_optimum")),
         Column("slowed_down", "T / T*, stretched to meet the limits", "", "less", of=median_with_interval(stretched)),
         Column("ms", "median time of a call", ms, "less", of=quantile("ms_law", 0.5)),
         Column("count", "motions requested", show="count", of=len),
@@ -135,11 +130,6 @@ def laws_table(b: BlockRows, rows: pl.DataFrame, title: str, name: str) -> Table
         missing = "absent" if "absent" in about else "not requested"
         groups.append(({"label": label, "kept": missing}, None) if own.is_empty() else ({"label": label}, own))
     return table_of(f"timing-{slug(b.block.id)}-{name}", title, columns, groups, _note(b, rows))
-
-
-def or_infinite(column: pl.Series) -> Array:
-    """Return the values of a column, infinity if there is none: a line without a motion is not left out."""
-    return column.cast(pl.Float64).fill_null(float("inf")).to_numpy()
 
 
 def _note(b: BlockRows, rows: pl.DataFrame) -> str:
@@ -308,29 +298,28 @@ PATHS_WITHIN = "%{y:.3~g} % of the paths within %{x:.4g} "
 """Tooltip of a distribution, before the unit."""
 
 
+def _samples(b: BlockRows, run: Run, rows: pl.DataFrame, groups: Sequence[str], value: pl.Expr) -> Iterator[Sample]:
+    """Yield the values of each law and peer, for each group of lines."""
+    for group in groups:
+        part = in_group(rows, "" if group == EVERY else group)
+        for label in b.entries:
+            values = part.filter(pl.col("method") == label).select(value).to_series()
+            yield Sample(label, values, run.look(label), {"group": [group]})
+
+
 def durations(b: BlockRows, run: Run) -> Board:
     """Return the distribution of durations over T*: of the unchanged motions, and after time scaling to every limit."""
-    plain = figure(
-        "timing-distribution", "Paths with a duration of at most this multiple of T*", ticked_axis("T / T*", RATIO_TICKS),
-        percent_axis("paths"), 400,
-    )  # fmt: skip
-    kept = figure(
-        "timing-profile", "After stretching to meet every limit: excess over T*",
-        ticked_axis("T / T* − 1 [%]", (0.01, 0.1, 1, 10, 100, 1000)), percent_axis("paths"), 400,
-    )  # fmt: skip
     groups = [EVERY, *b.block.kinds] + (list(b.block.arms) if len(b.block.arms) > 1 else [])
-    for group in groups:
-        part = in_group(b.rows, "" if group == EVERY else group)
-        for label, about in b.entries.items():
-            rows = part.filter(pl.col("method") == label)
-            if "absent" in about or rows.is_empty():
-                continue
-            look, when = run.look(label), {"group": [group]}
-            unchanged = rows.filter("solved")["over_optimum"].drop_nulls().to_numpy()
-            stretched = rows["kept_over_optimum"].drop_nulls().to_numpy()
-            excess = np.maximum(100.0 * (stretched[np.isfinite(stretched)] - 1.0), LEAST_EXCESS)
-            add_steps(plain, label, unchanged, len(rows), look, PATHS_WITHIN + "× T*", when)
-            add_steps(kept, label, excess, len(rows), look, PATHS_WITHIN + "% longer", when)
+    plain = fraction_plot(
+        "timing-distribution", "Paths with a duration of at most this multiple of T*", ticked_axis("T / T*", RATIO_TICKS),
+        "paths", PATHS_WITHIN + "× T*", _samples(b, run, b.rows, groups, pl.col("over_optimum")), 400,
+    )  # fmt: skip
+    excess = (100.0 * (pl.col("kept_over_optimum") - 1.0)).clip(LEAST_EXCESS)
+    kept = fraction_plot(
+        "timing-profile", "After stretching to meet every limit: excess over T*",
+        ticked_axis("T / T* − 1 [%]", (0.01, 0.1, 1, 10, 100, 1000)), "paths", PATHS_WITHIN + "% longer",
+        _samples(b, run, b.rows, groups, excess), 400,
+    )  # fmt: skip
     names = [(g, g.replace("_", "-")) for g in groups]
     return Board(
         f"{b.block.id}-durations", (plain, kept), (Control("group", "Paths", tuple(names)),),
@@ -353,19 +342,13 @@ def torques(b: BlockRows, run: Run) -> Board | None:
             "type": "line", "xref": "x", "yref": "paper", "x0": 1, "x1": 1, "y0": 0, "y1": 1,
             "line": {"color": ALARM_COLOUR, "width": 1, "dash": "dash"},
         }  # fmt: skip
-        plot = figure(
+        ratio = pl.col(field).clip(LEAST_RATIO, MOST_RATIO)
+        plots.append(fraction_plot(
             f"timing-{field.replace('_', '-')}", f"Motions whose {words} stays within this multiple of its limit",
-            ticked_axis(f"largest {words} / limit", ticks, range=_around(b.rows[field])), percent_axis("motions"), 400,
+            ticked_axis(f"largest {words} / limit", ticks, range=_around(b.rows[field])), "motions",
+            PATHS_WITHIN + "times the limit", _samples(b, run, b.rows.filter("solved"), groups, ratio), 400,
             shapes=[beyond],
-        )  # fmt: skip
-        for group in groups:
-            part = in_group(b.rows, "" if group == EVERY else group).filter("solved")
-            for label in b.entries:
-                rows = part.filter(pl.col("method") == label)
-                values = np.clip(rows[field].drop_nulls().to_numpy(), LEAST_RATIO, MOST_RATIO)
-                hover = PATHS_WITHIN + "times the limit"
-                add_steps(plot, label, values, len(rows), run.look(label), hover, {"group": [group]})
-        plots.append(plot)
+        ))  # fmt: skip
     return Board(
         f"{b.block.id}-torques", tuple(plots), (Control("group", "Arm", tuple((g, g) for g in groups)),) if groups[1:] else (),
         "Motions before time scaling: the worst joint of each, proved for every instant, for the arm's model. Right of the "
