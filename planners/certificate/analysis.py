@@ -9,7 +9,6 @@ from typing import NamedTuple
 import numpy as np
 
 from optik import kinematics, linear
-from optik.arm.inertia import Load
 from optik.arm.limits import LIMIT_TOLERANCE
 from optik.arm.motors import Ranges, ranges_of
 from optik.arm.robot import Robot
@@ -19,13 +18,13 @@ from optik.errors import InvalidInput
 from optik.ik.base import Tolerance
 from optik.kinematics import Chain
 from optik.types import Array, Flags, Indices
-from planners.certificate.bounds import FEW_INTERVALS, MotionBounds, ToolSpeedBounds, instants, prove_peaks, tool_speed
+from planners.certificate.bounds import FEW_INTERVALS, MotionBounds, ToolSpeedBounds, instants, prove_peak, tool_speed
 from planners.certificate.effort import find_torque_stretch
 from planners.certificate.path_error import ERROR_FLOOR, Passage, PathError, path_error
 from planners.certificate.projection import NEAREST_TURN, Nearest
-from planners.certificate.torque import TORQUE_INTERVALS, TorqueBounds, fourth_bounds_of
+from planners.certificate.torque import TORQUE_INTERVALS, TorqueBounds
 from planners.certificate.violation import Violation
-from planners.limits.inputs import Enclose, Evaluate, LimitedMotion, TorqueRatios
+from planners.limits.inputs import Enclose, Evaluate, Gears, LimitedMotion, TorqueRatios
 from planners.paths.base import Path
 from planners.trajectory import Extrema, Trajectory, map_joints
 
@@ -414,7 +413,7 @@ def _crossings(bounds: MotionBounds, path: Path, piece: Indices, ends: tuple[Arr
 # ---------------- analysis of a motion
 
 
-PATH_INDEPENDENT = ("bounds", "tool_speed", "torques", "jumps", "rest", "peaks")
+PATH_INDEPENDENT = ("bounds", "tool_speed", "torques", "motor_torques", "jumps", "rest", "peaks")
 """Properties of a `MotionAnalysis` that do not depend on the path."""
 
 
@@ -515,42 +514,54 @@ class MotionAnalysis(LimitedMotion):
         return joints
 
     @cached_property
-    def peaks(self) -> dict[Hashable, tuple[Array, Array]]:
-        """Results of `prove_peaks`, by key."""
+    def peaks(self) -> dict[Hashable, tuple[float, float]]:
+        """Results of `prove_peak`, by key."""
         return {}
 
-    def prove_peaks(
-        self, key: Hashable, evaluate: Evaluate, enclose: Enclose, excess: float, count: int = 1
-    ) -> tuple[Array, Array]:
-        """Return proved upper bounds (count,) on peak / limit, a fraction `excess` above the largest found, and times [s]."""
+    def prove_peak(self, key: Hashable, evaluate: Evaluate, enclose: Enclose, excess: float) -> tuple[float, float]:
+        """Return a proved upper bound on peak / limit, a fraction `excess` above the largest found, and its time [s]."""
         if key not in self.peaks:
-            self.peaks[key] = prove_peaks(self.bounds, evaluate, enclose, excess, count)
+            self.peaks[key] = prove_peak(self.bounds, evaluate, enclose, excess)
         return self.peaks[key]
-
-    def fourth_bounds(self, load: Load, D: Array) -> Array:
-        """Return bounds (k, n) on the fourth derivatives of the joint torques from those of the joints (k, 6, n)."""
-        return fourth_bounds_of(self.robot, load, D)
 
     @cached_property
     def torques(self) -> TorqueBounds:
         """Torques and proved bounds on them; raises InvalidInput if the arm's masses are unknown."""
+        return self._bound_torques(None)
+
+    @cached_property
+    def motor_torques(self) -> dict[bytes, TorqueBounds]:
+        """Torques of coupled motors and proved bounds on them, by the matrix of their gears."""
+        return {}
+
+    def _bound_torques(self, gears: Gears | None) -> TorqueBounds:
+        """Return the torques of joints or motors."""
         knots = self.bounds.knots
         piece = np.arange(knots.size - 1)
         ends = (self.joints_at(piece, t) for t in (knots[:-1], knots[1:]))
-        return TorqueBounds(self.robot, knots, *ends)
+        return TorqueBounds(self.robot, knots, *ends, gears=gears)
 
-    def torque_ratios(self, bound: Array, *, rate: bool) -> TorqueRatios:
-        """Return proved bounds on the ratios of joint torques, or of their rates, to the limits (2, n)."""
+    def _torques_of(self, gears: Gears | None) -> TorqueBounds:
+        """Return the torques of joints or motors, computed once."""
+        if gears is None:
+            return self.torques
+        key = gears.matrix.tobytes()
+        if key not in self.motor_torques:
+            self.motor_torques[key] = self._bound_torques(gears)
+        return self.motor_torques[key]
+
+    def torque_ratios(self, limit: Array, *, rate: bool, gears: Gears | None = None) -> TorqueRatios:
+        """Return proved bounds on the ratios of joint or motor torques, or of their rates, to the limits (2, n)."""
         most = FEW_INTERVALS if self.bounds.far_out_of_range else TORQUE_INTERVALS
-        return self.torques.bound_ratios(bound, rate=rate, most=most)
+        return self._torques_of(gears).bound_ratios(limit, rate=rate, most=most)
 
-    def torque_piece_ratios(self, bound: Array, *, rate: bool) -> Array:
-        """Return the ratios (m, n) of joint torques, or of their rates, to the limits: on each piece the larger end value."""
-        return self.torques.piece_ratios(bound, rate=rate)
+    def torque_piece_ratios(self, limit: Array, *, rate: bool, gears: Gears | None = None) -> Array:
+        """Return the ratios (m, n) of these torques, or of their rates, to the limits: on each piece the larger end value."""
+        return self._torques_of(gears).piece_ratios(limit, rate=rate)
 
-    def torque_stretch(self, bound: Array, *, rate: bool) -> float:
+    def torque_stretch(self, limit: Array, *, rate: bool, gears: Gears | None = None) -> float:
         """Return the least factor by which the motion is stretched in time to respect the torque or rate limits (2, n)."""
-        return find_torque_stretch(self.torques, bound, rate=rate)
+        return find_torque_stretch(self._torques_of(gears), limit, rate=rate)
 
     @cached_property
     def jumps(self) -> Flags:

@@ -335,32 +335,30 @@ PEAK_INTERVALS = 200_000
 """Largest number of bounded intervals; the bound on what is left is then not close."""
 
 
-def prove_peaks(
-    motion: MotionBounds, evaluate: Evaluate, enclose: Enclose, excess: float, count: int
-) -> tuple[Array, Array]:
-    """Return proved upper bounds (count,) on peak / limit, at most a fraction `excess` above the largest found, and times [s].
+def prove_peak(motion: MotionBounds, evaluate: Evaluate, enclose: Enclose, excess: float) -> tuple[float, float]:
+    """Return a proved upper bound on peak / limit, at most a fraction `excess` above the largest found, and its time [s].
 
     A ratio that is nowhere found above 1 is bounded until it is proved to be at most 1: a part of a valid motion is valid.
     """
     piece, (left, right) = np.arange(motion.knots.size - 1), motion.joint_ends
     begin, end = motion.knots[:-1].copy(), motion.knots[1:].copy()
     first, last = evaluate(left), evaluate(right)
-    found, when, proved, intervals = np.full(count, -np.inf), np.zeros(count), np.full(count, -np.inf), 0
+    peak, when, proved, intervals = -np.inf, 0.0, -np.inf, 0
     for _ in range(DIVISIONS):
         for at, values in ((begin, first), (end, last)):
-            k, most = values[:, :count].argmax(axis=0), values[:, :count].max(axis=0)
-            found, when = np.maximum(found, most), np.where(most > found, at[k], when)
+            k = int(values[:, 0].argmax())
+            when = float(at[k]) if values[k, 0] > peak else when
+            peak = float(np.maximum(peak, values[k, 0]))
         h = end - begin
         B, P = np.empty((2, h.size, motion.robot.n + 1, 7))
-        D = np.empty((h.size, 6, motion.robot.n))
-        _link_bounds(motion.lengths, np.asarray(motion.robot.prismatic), left, h, D, B, P)
-        bound = enclose(first, last, h, B, P, D).reshape(h.size, count)
+        _link_bounds(motion.lengths, np.asarray(motion.robot.prismatic), left, h, B, P)
+        bound = enclose(first, last, h, B, P)
         intervals += h.size
-        close = np.where(found <= 1.0, np.minimum(found * (1.0 + excess), 1.0), found * (1.0 + excess))
-        wide = (bound > close).any(axis=1) & (h > NARROWEST_SHARE * motion.knots[-1])
+        close = min(peak * (1.0 + excess), 1.0) if peak <= 1.0 else peak * (1.0 + excess)
+        wide = (bound > close) & (h > NARROWEST_SHARE * motion.knots[-1])
         if intervals > PEAK_INTERVALS:
             wide[:] = False
-        proved = np.maximum(proved, bound[~wide].max(axis=0, initial=-np.inf))
+        proved = float(np.maximum(proved, bound[~wide].max(initial=-np.inf)))
         if not wide.any():
             break
         piece, h = np.repeat(piece[wide], DIVIDED), h[wide]
@@ -373,12 +371,13 @@ def prove_peaks(
         ends = np.concatenate([first[wide][:, None], values, last[wide][:, None]], axis=1)
         first, last = (np.ascontiguousarray(x.reshape(-1, x.shape[2])) for x in (ends[:, :-1], ends[:, 1:]))
         begin, end = cuts[:, :-1].ravel(), cuts[:, 1:].ravel()
-    return np.maximum(proved, found), when
+    return float(np.maximum(proved, peak)), when
 
 
 @compiled
-def _link_bounds(lengths: Array, prismatic: Flags, joints: Array, h: Array, D: Array, B: Array, P: Array) -> None:
-    """Write the bounds of `joint_bounds` and `link_bounds` over [0, h] from the derivatives (k, 6, n) at its beginning."""
+def _link_bounds(lengths: Array, prismatic: Flags, joints: Array, h: Array, B: Array, P: Array) -> None:
+    """Write the bounds of `link_bounds` over [0, h] from the derivatives (k, 6, n) at its beginning."""
+    D = np.empty(joints.shape[1:])
     for k in range(h.shape[0]):
-        joint_bounds(joints[k], h[k], D[k])
-        link_bounds(lengths, prismatic, D[k], B[k], P[k])
+        joint_bounds(joints[k], h[k], D)
+        link_bounds(lengths, prismatic, D, B[k], P[k])

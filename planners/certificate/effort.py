@@ -62,7 +62,7 @@ def energy(torques: TorqueBounds) -> Energy:
 
 def _energy(model: Model, ends: TorqueEnds) -> Energy:
     """Return the energy of one load, by quadrature from powers and their rates at the ends and in the middle of every piece."""
-    h, coulomb = (ends.t1 - ends.t0)[:, None], model[1].coulomb
+    h, coulomb = (ends.t1 - ends.t0)[:, None], model.coulomb
     half = at_middle(model, ends)
     powers, rates = [], []
     for joints, values in ((ends.first, ends.left), (ends.last, ends.right), half):
@@ -91,7 +91,8 @@ def friction_steps(
     robot: Robot, trajectory: Trajectory, torques: TorqueBounds, rest: tuple[bool, bool]
 ) -> tuple[FrictionStep, ...]:
     """Return the steps of Coulomb friction: f where a joint starts or stops, 2 f where it reverses."""
-    coulomb, still, found = torques.models[0][1].coulomb, rest_velocity(torques.ends[0]), []
+    model, found = torques.models[0], []
+    coulomb, still = model.coulomb, rest_velocity(model, torques.ends[0])
     least, greatest = trajectory.piece_range(1)
     for i in np.flatnonzero(coulomb > 0.0):
         roots = [_roots(trajectory, int(k), int(i)) for k in np.flatnonzero(least[:, i] * greatest[:, i] < 0.0)]
@@ -146,20 +147,19 @@ def find_torque_stretch(torques: TorqueBounds, bound: Array, *, rate: bool) -> f
 def _parts(model: Model, ends: TorqueEnds, rate: bool) -> _Parts:
     """Return the parts of the torques, or of their rates, at both ends of all pieces."""
     joints, values = np.concatenate([ends.first, ends.last]), np.concatenate([ends.left, ends.right])
-    load = model[1]
-    kinetic = np.empty_like(values)
-    evaluate_torques((*model[:3], MOTION, model[4]), joints, kinetic)
-    powers = np.zeros((len(joints), 4, joints.shape[2]))
-    viscous = load.viscous * joints[:, 2 if rate else 1]
-    first = 1 if rate else 0
+    turned, load, first, order = model.turn(joints), model.load, 1 if rate else 0, 2 if rate else 1
+    kinetic = evaluate_torques(model._replace(part=MOTION), joints)
+    powers = np.zeros((len(joints), 4, turned.shape[2]))
+    viscous = model.drive(load.viscous * joints[:, order])
+    if model.gears is not None:
+        viscous += model.gears.viscous * turned[:, order]
     powers[:, first + 1], powers[:, first + 2] = viscous, kinetic[:, first]
     powers[:, first] = values[:, first] - viscous - kinetic[:, first]
-    friction = np.zeros((len(joints), 2, joints.shape[2]))
+    friction = np.zeros((len(joints), 2, turned.shape[2]))
     if not rate:
-        still = np.abs(joints[:, 1]) <= rest_velocity(ends)
-        sign = np.sign(joints[:, 1])
-        friction[:, 0] = load.coulomb * np.where(still, -1.0, sign)
-        friction[:, 1] = load.coulomb * np.where(still, 1.0, sign)
+        still, sign = np.abs(turned[:, 1]) <= rest_velocity(model, ends), np.sign(turned[:, 1])
+        friction[:, 0] = model.coulomb * np.where(still, -1.0, sign)
+        friction[:, 1] = model.coulomb * np.where(still, 1.0, sign)
     return _Parts(powers, friction)
 
 

@@ -30,6 +30,9 @@ before i and each part of c_l − p_i with these and further ones: a product of 
 that part alone. So has z_i × ρ, and ∫ |ρ|² dm is half of the trace of the inertia about the centre of mass. Leibniz's rule
 gives the bound on τ⁗. As q⁽⁶⁾ = 0 in quintics, the motors' inertia adds nothing to it, and viscous friction |q⁽⁵⁾|.
 Of gravity alone, −Σ m_l ∂c_l/∂q_i · g, only the fourth derivative of ∂c_l/∂q_i remains.
+
+Motors that move the axes together have the torques τ_m = T τ + I E q̈ + viscous E q̇, with T = Cᵀ and E = C⁻¹ of q = C m + c,
+and the Coulomb friction of E q̇. So |τ_m⁗| ≤ |T| |τ⁗| + viscous |E q⁽⁵⁾|, and the rest of the proof is that of joints.
 """
 
 from __future__ import annotations
@@ -46,7 +49,7 @@ from optik.dynamics import torques_batch
 from optik.kinematics import Chain
 from optik.types import Array, Flags
 from planners.certificate.bounds import joint_bounds, link_bounds
-from planners.limits.inputs import TorqueRatios
+from planners.limits.inputs import Gears, TorqueRatios
 from planners.trajectory.curve import BINOMIAL
 
 VALUE_REMAINDER = 1.0 / 384.0
@@ -98,20 +101,6 @@ def fourth_bounds(arm: Sizes, D: Array, still: bool, work: Array, out: Array) ->
             for m in range(5):
                 total += BINOMIAL[4, m] * V[m] * A[4 - m]
             out[i] += total
-
-
-def fourth_bounds_of(robot: Robot, load: Load, D: Array) -> Array:
-    """Return bounds (k, n) on the fourth derivatives of the torques of a load from those of the joints (k, 6, n)."""
-    out = np.empty((len(D), robot.n))
-    _fourths_of(sizes(robot, load), D, out)
-    return out
-
-
-@compiled
-def _fourths_of(arm: Sizes, D: Array, out: Array) -> None:
-    space = np.empty((2, D.shape[2] + 1, 7))
-    for k in range(D.shape[0]):
-        fourth_bounds(arm, D[k], False, space, out[k])
 
 
 @compiled
@@ -172,8 +161,8 @@ def direction(rates: Array, h: float) -> int:
 
 TORQUE_EXCESS = 1e-5
 """Largest excess of the bound over the largest value found, as a fraction of it."""
-TORQUE_FLOOR = 1e-2
-"""Least fraction of a limit that the excess is relative to."""
+TORQUE_FLOOR, MOTOR_FLOOR = 1e-2, 1e-5
+"""Least fractions of a limit on a joint's and on a motor's torque that the excess is relative to."""
 TORQUE_INTERVALS = 200_000
 """Largest number of intervals: a second of computing; a motion that needs more has a looser bound."""
 NARROWEST = 1e-9
@@ -191,10 +180,10 @@ class TorqueEnds(NamedTuple):
         Times [s].
     first, last : (m, 6, n) array
         The joints' derivatives [rad/s^i, m/s^i].
-    fourths : (m, n) array
-        Bounds on the fourth derivatives of the torques within the pieces [N·m/s⁴, N/s⁴].
     left, right : (m, 2, n) array
-        Torques and their rates, without Coulomb friction [N·m, N, N·m/s, N/s].
+        Torques and their rates, without Coulomb friction, of joints or motors [N·m, N, N·m/s, N/s].
+    fourths : (m, n) array
+        Bounds on the fourth derivatives of these torques within the pieces [N·m/s⁴, N/s⁴].
     """
 
     t0: Array
@@ -208,24 +197,46 @@ class TorqueEnds(NamedTuple):
 
 ALL, GRAVITY, MOTION = 0, 1, 2
 """Parts of the torque: all without Coulomb friction, that of gravity, or that which accelerates the masses."""
-Model = tuple[Chain, Load, Sizes, int, Linkage | None]
-"""An arm, its load, the sizes of both, the part of the torque, and the relations of its axes."""
+
+
+class Model(NamedTuple):
+    """An arm, its load, the sizes of both, the part of the torque, the relations of its axes, and its coupled motors if any."""
+
+    chain: Chain
+    load: Load
+    sizes: Sizes
+    part: int
+    linkage: Linkage | None
+    gears: Gears | None
+
+    @property
+    def coulomb(self) -> Array:
+        """Coulomb friction (n,) of the joints or the motors [N·m, N]."""
+        return self.load.coulomb if self.gears is None else self.gears.coulomb
+
+    def turn(self, joints: Array) -> Array:
+        """Return the derivatives (k, i, n) of joints, or those of the motors without their offset."""
+        return joints if self.gears is None else np.ascontiguousarray(joints @ self.gears.turns.T)
+
+    def drive(self, torques: Array) -> Array:
+        """Return the torques (..., n) of axes at the joints, or at the motors."""
+        return torques if self.gears is None else torques @ self.gears.matrix.T
 
 
 class TorqueBounds:
     """A motion with its torques; the torques at the ends of its pieces are cached."""
 
-    def __init__(self, robot: Robot, knots: Array, first: Array, last: Array, *, still: bool = False) -> None:
-        self.models: tuple[Model, ...] = tuple(
-            (robot.chain, load, sizes(robot, load), GRAVITY if still else ALL, robot.linkage) for load in robot.loads
+    def __init__(
+        self, robot: Robot, knots: Array, first: Array, last: Array, *, still: bool = False, gears: Gears | None = None
+    ) -> None:
+        part = GRAVITY if still else ALL
+        self.models = tuple(
+            Model(robot.chain, load, sizes(robot, load), part, robot.linkage, gears) for load in robot.loads
         )
         self.ends: list[TorqueEnds] = []
         for model in self.models:
-            left, right = (np.empty((len(first), 2, robot.n)) for _ in range(2))
-            evaluate_torques(model, first, left)
-            evaluate_torques(model, last, right)
-            fourths = np.empty(first[:, 0].shape)
-            bound_fourths(model, np.diff(knots), first, fourths)
+            left, right = evaluate_torques(model, first), evaluate_torques(model, last)
+            fourths = bound_fourths(model, np.diff(knots), first)
             self.ends.append(TorqueEnds(knots[:-1], knots[1:], first, last, left, right, fourths))
         self._kept: dict[tuple[bool, bytes], TorqueRatios] = {}
 
@@ -248,7 +259,7 @@ class TorqueBounds:
         worst = np.zeros((len(self.ends[0].t0), upper.size))
         for model, ends in zip(self.models, self.ends, strict=True):
             for joints, values in ((ends.first, ends.left), (ends.last, ends.right)):
-                value = values[:, 1] if rate else values[:, 0] + model[1].coulomb * np.sign(joints[:, 1])
+                value = values[:, 1] if rate else values[:, 0] + model.coulomb * np.sign(model.turn(joints[:, 1]))
                 worst = np.maximum(worst, np.where(value < 0.0, value / lower, value / upper))
         return np.asarray(worst)
 
@@ -266,10 +277,11 @@ def _bound_load(model: Model, ends: TorqueEnds, bound: Array, how: tuple[bool, f
     limits = np.stack([-lower, upper])
     limits = np.where(np.isfinite(limits), limits, 1.0)
     n = upper.size
-    rest = rest_velocity(ends)
-    coulomb = np.zeros(n) if rate else np.array(model[1].coulomb)
+    rest = rest_velocity(model, ends)
+    coulomb = np.zeros(n) if rate else np.array(model.coulomb)
     results = np.zeros((2, n)), np.zeros((2, n)), np.zeros((2, n))
-    close = (1.0 + excess, TORQUE_FLOOR, NARROWEST * float(ends.t1[-1]))
+    floor = TORQUE_FLOOR if model.gears is None else MOTOR_FLOOR
+    close = (1.0 + excess, floor, NARROWEST * float(ends.t1[-1]))
     _divide(model, ends, (coulomb, 1.0 / limits, rate, rest), most, close, results)
     proved, found, when = results
     above = proved[1] >= proved[0]
@@ -277,21 +289,27 @@ def _bound_load(model: Model, ends: TorqueEnds, bound: Array, how: tuple[bool, f
     return TorqueRatios(ratio, largest, time, above)
 
 
-def rest_velocity(ends: TorqueEnds) -> float:
+def rest_velocity(model: Model, ends: TorqueEnds) -> float:
     """Return the velocity below which a joint is at rest."""
-    return STANDSTILL * max(float(np.abs(ends.first[:, 1]).max()), float(np.abs(ends.last[:, 1]).max()))
+    return STANDSTILL * max(float(np.abs(model.turn(each[:, 1])).max()) for each in (ends.first, ends.last))
 
 
-def evaluate_torques(model: Model, joints: Array, out: Array) -> None:
-    """Compute torques and their rates, without Coulomb friction."""
-    chain, load, _, part, _ = model
-    states = np.ascontiguousarray(joints[:, :4])
-    torques_batch(chain, load.bodies, load.viscous if part == ALL else _nothing(load.viscous), states, out)
-    if part == ALL:
-        return
-    kinetic = np.empty_like(out)
-    torques_batch(chain, (*load.bodies[:4], _nothing(load.bodies[4])), _nothing(load.viscous), states, kinetic)
-    out[:] = kinetic if part == MOTION else out - kinetic
+def evaluate_torques(model: Model, joints: Array) -> Array:
+    """Return torques and their rates (k, 2, n), without Coulomb friction."""
+    load, gears, part = model.load, model.gears, model.part
+    states, out = np.ascontiguousarray(joints[:, :4]), np.empty((len(joints), 2, joints.shape[2]))
+    torques_batch(model.chain, load.bodies, load.viscous if part == ALL else _nothing(load.viscous), states, out)
+    if part != ALL:
+        kinetic = np.empty_like(out)
+        bodies = (*load.bodies[:4], _nothing(load.bodies[4]))
+        torques_batch(model.chain, bodies, _nothing(load.viscous), states, kinetic)
+        out = kinetic if part == MOTION else out - kinetic
+    if gears is None:
+        return out
+    turned, driven = model.turn(states[:, 1:]), model.drive(out)
+    if part != GRAVITY:
+        driven += gears.inertia * turned[:, 1:]
+    return driven + gears.viscous * turned[:, :2] if part == ALL else driven
 
 
 def _nothing(like: Array) -> Array:
@@ -303,10 +321,9 @@ def _nothing(like: Array) -> Array:
 
 def at_middle(model: Model, ends: TorqueEnds) -> tuple[Array, Array]:
     """Return the joints' derivatives and the torques in the middle of every piece."""
-    joints, values = np.empty_like(ends.first), np.empty_like(ends.left)
+    joints = np.empty_like(ends.first)
     _advance(ends.first, 0.5 * (ends.t1 - ends.t0), joints)
-    evaluate_torques(model, joints, values)
-    return joints, values
+    return joints, evaluate_torques(model, joints)
 
 
 @compiled
@@ -339,24 +356,23 @@ def _divide(
     t, h, joints, left, right = ends.t0, ends.t1 - ends.t0, ends.first, ends.left, ends.right
     proved, found, when = results
     fourths = ends.fourths
-    _update_largest(t, joints, left, what, found, when)
-    _update_largest(ends.t1, ends.last, right, what, found, when)
+    _update_largest(t, model.turn(joints), left, what, found, when)
+    _update_largest(ends.t1, model.turn(ends.last), right, what, found, when)
     while True:
         bound = np.empty((t.size, 2, found.shape[1]))
-        _between(what, h, joints, fourths, (left, right), bound)
+        _between(what, h, model.turn(joints), fourths, (left, right), bound)
         loose = _find_loose(bound, h, found, close, most, proved)
         if not loose.any():
             break
         t, h, joints, left, right = t[loose], 0.5 * h[loose], joints[loose], left[loose], right[loose]
         most -= t.size
-        later, middle = np.empty_like(joints), np.empty_like(left)
+        later = np.empty_like(joints)
         _advance(joints, h, later)
-        evaluate_torques(model, later, middle)
-        _update_largest(t + h, later, middle, what, found, when)
+        middle = evaluate_torques(model, later)
+        _update_largest(t + h, model.turn(later), middle, what, found, when)
         t, h, joints = np.concatenate([t, t + h]), np.concatenate([h, h]), np.concatenate([joints, later])
         left, right = np.concatenate([left, middle]), np.concatenate([middle, right])
-        fourths = np.empty(joints[:, 0].shape)
-        bound_fourths(model, h, joints, fourths)
+        fourths = bound_fourths(model, h, joints)
     np.maximum(proved, found, out=proved)
 
 
@@ -401,17 +417,19 @@ def _find_loose(
     return loose
 
 
-def bound_fourths(model: Model, h: Array, joints: Array, out: Array) -> None:
-    """Write what `_fourths` computes; of a linkage with the derivatives of the axes, whose torques move the joints."""
-    _, _, arm, part, follow = model
-    if follow is None:
-        _fourths(arm, part == GRAVITY, h, joints, out)
-        return
-    axes = joints[..., follow.joint] * follow.factor
-    axes[:, 0] += follow.offset
-    each = np.empty(axes[:, 0].shape)
-    _fourths(arm, part == GRAVITY, h, axes, each)
-    out[:] = each @ np.abs(follow.matrix)
+def bound_fourths(model: Model, h: Array, joints: Array) -> Array:
+    """Return what `_fourths` computes; of a linkage with the derivatives of the axes, whose torques move the joints."""
+    follow, gears, still, axes = model.linkage, model.gears, model.part == GRAVITY, joints
+    if follow is not None:
+        axes = joints[..., follow.joint] * follow.factor
+        axes[:, 0] += follow.offset
+    out = np.empty(axes[:, 0].shape)
+    _fourths(model.sizes, still, h, axes, out)
+    if follow is not None:
+        return np.asarray(out @ np.abs(follow.matrix))
+    if gears is None:
+        return out
+    return out @ np.abs(gears.matrix).T + (0.0 if still else gears.viscous * np.abs(model.turn(joints[:, 5])))
 
 
 @compiled

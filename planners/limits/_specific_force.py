@@ -154,7 +154,7 @@ class SpecificForceLimit(SampledLimit):
             _, f, rate = self._force(robot, bound, joints)
             return np.concatenate([self.measure(bound, mass, f)[:, None], f, rate], axis=1)
 
-        def enclose(first: Array, last: Array, h: Array, B: Array, P: Array, _: Array) -> Array:
+        def enclose(first: Array, last: Array, h: Array, B: Array, P: Array) -> Array:
             B = B[:, -1]
             P = P[:, -1] + away * B
             P4 = (
@@ -173,7 +173,7 @@ class SpecificForceLimit(SampledLimit):
             )
             return np.asarray(np.max([self.measure(bound, mass, point, off) for point in points], axis=0))
 
-        (ratio,), (time,) = motion.prove_peaks((self.name, bound), evaluate, enclose, PROOF_EXCESS)
+        ratio, time = motion.prove_peak((self.name, bound), evaluate, enclose, PROOF_EXCESS)
         if motion.jumps[:2].any():
             ratio = np.inf
         return ToolExtreme(ratio * self.value(bound), ratio, time)

@@ -116,11 +116,11 @@ class BodySpeed(Limit):
             speeds = self._speeds(robot, joints[:, 0], joints[:, 1]) / unit
             return np.concatenate([speeds.max(axis=1, keepdims=True), speeds], axis=1)
 
-        def enclose(one: Array, other: Array, h: Array, B: Array, P: Array, _: Array) -> Array:
+        def enclose(one: Array, other: Array, h: Array, B: Array, P: Array) -> Array:
             third = np.where(link > 0, P[:, link, 3] + away * B[:, link, 3], 0.0) / unit
             return np.asarray((np.maximum(one[:, 1:], other[:, 1:]) + h[:, None] ** 2 / 8.0 * third).max(axis=1))
 
-        (ratio,), (time,) = motion.prove_peaks((self.name, unit), evaluate, enclose, self.PROOF_EXCESS)
+        ratio, time = motion.prove_peak((self.name, unit), evaluate, enclose, self.PROOF_EXCESS)
         if motion.jumps[0].any():
             ratio = np.inf
         return ToolExtreme(ratio * unit, ratio if self.is_given(bound) else np.nan, time)

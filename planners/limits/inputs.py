@@ -9,7 +9,6 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optik.arm.inertia import Load
 from optik.arm.robot import Robot
 from optik.types import Array, Flags
 from planners.paths.base import Path
@@ -57,11 +56,30 @@ def plain(values: Array) -> list[float | None]:
 
 
 Evaluate = Callable[[Array], Array]
-"""From the joints' derivatives (k, 6, n) to (k, d): the values, then what `Enclose` needs."""
-Enclose = Callable[[Array, Array, Array, Array, Array, Array], Array]
+"""From the joints' derivatives (k, 6, n) to (k, d): the value, then what `Enclose` needs."""
+Enclose = Callable[[Array, Array, Array, Array, Array], Array]
 """From two results of `Evaluate` at the ends of intervals, their durations (k,) [s], and bounds on the derivatives of the
-links' rotations (k, n + 1, 7) [1/s^i], of their joints' origins (k, n + 1, 7) [m/s^i] and of the joints (k, 6, n), to bounds
-on the values inside."""
+links' rotations (k, n + 1, 7) [1/s^i] and of their joints' origins (k, n + 1, 7) [m/s^i], to bounds (k,) on values inside."""
+
+
+class Gears(NamedTuple):
+    """Motors that move several axes together.
+
+    Attributes
+    ----------
+    matrix : (m, n) array
+        Torques of the motors over those of the axes [1].
+    turns : (m, n) array
+        Velocities of the motors over those of the axes [1].
+    inertia, viscous, coulomb : (m,) array
+        Inertia of the rotors [kg·m²], viscous [N·m·s/rad] and Coulomb friction [N·m], all at the motors.
+    """
+
+    matrix: Array
+    turns: Array
+    inertia: Array
+    viscous: Array
+    coulomb: Array
 
 
 class TorqueRatios(NamedTuple):
@@ -119,21 +137,16 @@ class LimitedMotion(Protocol):
     def states(self, shares: Array) -> tuple[Array, Array]:
         """Return the joints' derivatives (m, k, 6, n) of order 0 to 5 at fractions (k,) of each piece, and the times (m, k)."""
 
-    def prove_peaks(
-        self, key: Hashable, evaluate: Evaluate, enclose: Enclose, excess: float, count: int = 1
-    ) -> tuple[Array, Array]:
-        """Return proved upper bounds (count,) on peak / limit, a fraction `excess` above the largest found, and times [s]."""
+    def prove_peak(self, key: Hashable, evaluate: Evaluate, enclose: Enclose, excess: float) -> tuple[float, float]:
+        """Return a proved upper bound on peak / limit, a fraction `excess` above the largest found, and its time [s]."""
 
-    def fourth_bounds(self, load: Load, D: Array) -> Array:
-        """Return bounds (k, n) on the fourth derivatives of the joint torques from those of the joints (k, 6, n)."""
+    def torque_ratios(self, limit: Array, *, rate: bool, gears: Gears | None = None) -> TorqueRatios:
+        """Return proved bounds on the ratios of joint or motor torques, or of their rates, to the limits (2, n)."""
 
-    def torque_ratios(self, bound: Array, *, rate: bool) -> TorqueRatios:
-        """Return proved bounds on the ratios of joint torques, or of their rates, to the limits (2, n)."""
+    def torque_piece_ratios(self, limit: Array, *, rate: bool, gears: Gears | None = None) -> Array:
+        """Return the ratios (m, n) of these torques, or of their rates, to the limits: on each piece the larger end value."""
 
-    def torque_piece_ratios(self, bound: Array, *, rate: bool) -> Array:
-        """Return the ratios (m, n) of joint torques, or of their rates, to the limits: on each piece the larger end value."""
-
-    def torque_stretch(self, bound: Array, *, rate: bool) -> float:
+    def torque_stretch(self, limit: Array, *, rate: bool, gears: Gears | None = None) -> float:
         """Return the least factor by which the motion is stretched in time to respect the torque or rate limits (2, n)."""
 
 

@@ -12,12 +12,13 @@ from optik import dynamics
 from optik.arm.inertia import Load
 from optik.arm.limits import check_positive
 from optik.arm.plain import read_numbers
+from optik.arm.robot import Robot
 from optik.errors import InvalidInput, UnknownName
 from optik.plugins.files import is_path
 from optik.registry import build_method, names
 from optik.types import Array, Flags
 from planners.limits.base import Limit, middle_and_half, ratio_to_limit, scale_of, sides, symmetric_bound
-from planners.limits.inputs import Extreme, LimitedMotion, PathPoints, ToolExtreme
+from planners.limits.inputs import Extreme, Gears, LimitedMotion, PathPoints, ToolExtreme
 from planners.paths.base import Path
 from planners.trajectory import Extrema
 from planners.trajectory.curve import chain_rows
@@ -133,26 +134,34 @@ class LoadedLimit(Limit):
     columns: ClassVar[int]
     """Number of columns of the rows: the full set of monomials of the limit's order."""
 
-    def rows(self, at: PathPoints, bound: Array) -> Array:
+    def rows(self, at: PathPoints, bound: Any) -> Array:
         """Return the rows at points of a joint path."""
-        if not np.isfinite(bound).any():
+        if not self.is_given(bound):
             return np.zeros((at.s.size, 1, self.columns))
-        found = [self._rows_of(at, bound, load) for load in at.joint_path.robot.loads]
-        return found[0] if len(found) == 1 else np.concatenate(found, axis=1)
+        each = [self._rows_of(at, bound, load) for load in at.joint_path.robot.loads]
+        return each[0] if len(each) == 1 else np.concatenate(each, axis=1)
 
     @abstractmethod
-    def _rows_of(self, at: PathPoints, bound: Array, load: Load) -> Array:
+    def _rows_of(self, at: PathPoints, bound: Any, load: Load) -> Array:
         """Return the rows (k, n, columns) of one load."""
 
-    def judge(self, motion: LimitedMotion, bound: Array) -> Extreme:
+    def _pair(self, bound: Any) -> Array:
+        """Return the lower and the upper limits (2, n)."""
+        return np.stack(sides(bound))
+
+    def _gears(self, robot: Robot, bound: Any) -> Gears | None:
+        """Return the motors whose torques are limited; None if they are those of the joints."""
+        return None
+
+    def judge(self, motion: LimitedMotion, bound: Any) -> Extreme:
         """Return the peak value of a motion, its ratio to the bound, and its time."""
-        if not np.isfinite(bound).any():
-            return Extreme(*np.full((3, motion.robot.n), np.nan))
-        lower, upper = sides(bound)
-        found = motion.torque_ratios(np.stack([lower, upper]), rate=self.rate)
+        lower, upper = pair = self._pair(bound)
+        if not self.is_given(bound):
+            return Extreme(*np.full((3, upper.size), np.nan))
+        proved = motion.torque_ratios(pair, rate=self.rate, gears=self._gears(motion.robot, bound))
         limited = np.isfinite(upper)
-        value = found.ratio * np.where(limited, np.where(found.upper, upper, -lower), 1.0)
-        extreme = Extreme(value, np.where(limited, found.ratio, np.nan), found.time)
+        value = proved.ratio * np.where(limited, np.where(proved.upper, upper, -lower), 1.0)
+        extreme = Extreme(value, np.where(limited, proved.ratio, np.nan), proved.time)
         jumping = motion.jumps[: self.order].any(axis=(0, 2))
         if not jumping.any():
             return extreme
@@ -160,17 +169,18 @@ class LoadedLimit(Limit):
         when = np.full(upper.size, motion.trajectory.knots[jumping.argmax()])
         return Extreme(infinite, np.where(limited, infinite, np.nan), when)
 
-    def piece_ratios(self, motion: LimitedMotion, bound: Array) -> Array:
+    def piece_ratios(self, motion: LimitedMotion, bound: Any) -> Array:
         """Return the ratios on each piece of a motion."""
-        if not np.isfinite(bound).any():
-            return np.zeros((motion.trajectory.knots.size - 1, motion.robot.n))
-        return motion.torque_piece_ratios(np.stack(sides(bound)), rate=self.rate)
+        pair = self._pair(bound)
+        if not self.is_given(bound):
+            return np.zeros((motion.trajectory.knots.size - 1, pair.shape[1]))
+        return motion.torque_piece_ratios(pair, rate=self.rate, gears=self._gears(motion.robot, bound))
 
-    def stretch_factor(self, motion: LimitedMotion, bound: Array) -> float:
+    def stretch_factor(self, motion: LimitedMotion, bound: Any) -> float:
         """Return the least factor by which a motion is stretched in time to respect the bound."""
-        if not np.isfinite(bound).any():
+        if not self.is_given(bound):
             return 0.0
-        return motion.torque_stretch(np.stack(sides(bound)), rate=self.rate)
+        return motion.torque_stretch(self._pair(bound), rate=self.rate, gears=self._gears(motion.robot, bound))
 
 
 def torque_rows(at: PathPoints, load: Load) -> Array:

@@ -390,7 +390,7 @@ def static_torque(joint_path: JointPath, bound: Array, since: float = 0.0) -> To
     for model, ends in zip(torques.models, torques.ends, strict=True):
         resting = [(along.end, ends.right[-1, 0])] + ([] if since > 0.0 else [(0.0, ends.left[0, 0])])
         for s, value in resting:
-            found = _include_rest(found, bound, s, value, model[1].coulomb)
+            found = _include_rest(found, bound, s, value, model.coulomb)
     return found
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import product
 from types import SimpleNamespace
 from typing import Any
@@ -9,13 +10,13 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.polynomial import Polynomial
-from scipy.interpolate import PPoly
+from scipy.interpolate import CubicHermiteSpline, PPoly
 
 import optik
 from optik.arm.limits import VelocityByPosition
 from optik.types import Array
 from planners import MotionLimits
-from planners.certificate import bounds
+from planners.certificate import analysis, bounds
 from planners.certificate.analysis import MotionAnalysis
 from planners.limits import AccelerationByVelocity, Grip, OpenContainer, Suction, Tray, kind_of
 from planners.limits._bernstein import ROUNDING, multiply, on_pieces, proves_above
@@ -23,7 +24,7 @@ from planners.limits._combination import Combination
 from planners.trajectory import Trajectory
 from planners.trajectory.curve import quintic_through
 from tests import oracles
-from tests.planners.torques import random_loaded
+from tests.planners.torques import random_loaded, values
 
 COM = (0.01, 0.02, 0.05)
 GOODS: dict[str, Any] = {
@@ -49,13 +50,13 @@ class Whole(MotionAnalysis):
 
     remainder = 1.0
 
-    def prove_peaks(self, key: Any, evaluate: Any, enclose: Any, excess: float, count: int = 1) -> tuple[Array, Array]:
-        def bound(first: Array, last: Array, h: Array, B: Array, P: Array, D: Array) -> Array:
-            return np.asarray(enclose(first, last, h, self.remainder * B, self.remainder * P, self.remainder * D))
+    def prove_peak(self, key: Any, evaluate: Any, enclose: Any, excess: float) -> tuple[float, float]:
+        def bound(first: Array, last: Array, h: Array, B: Array, P: Array) -> Array:
+            return np.asarray(enclose(first, last, h, self.remainder * B, self.remainder * P))
 
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(bounds, "PEAK_INTERVALS", 0)
-            return bounds.prove_peaks(self.bounds, evaluate, bound, excess, count)
+            return bounds.prove_peak(self.bounds, evaluate, bound, excess)
 
 
 class Bare(Whole):
@@ -236,11 +237,11 @@ def test_polynomials_of_pieces_are_those_of_the_motion() -> None:
 
 # ---------------------------------------------------------------- what one interval adds
 class Interval(MotionAnalysis):
-    """A motion that hands out what `prove_peaks` is given, and says a ratio of 2 at 0.5 s."""
+    """A motion that hands out what `prove_peak` is given, and says a ratio of 2 at 0.5 s."""
 
-    def prove_peaks(self, key: Any, evaluate: Any, enclose: Any, excess: float, count: int = 1) -> tuple[Array, Array]:
+    def prove_peak(self, key: Any, evaluate: Any, enclose: Any, excess: float) -> tuple[float, float]:
         self.given = SimpleNamespace(evaluate=evaluate, enclose=enclose, excess=excess)
-        return np.full(count, 2.0), np.full(count, 0.5)
+        return 2.0, 0.5
 
 
 def given_of(robot: optik.Robot, name: str, bound: Any) -> Any:
@@ -290,7 +291,7 @@ def test_the_forces_of_one_interval_are_bounded_by_leibnizs_rule() -> None:
         slope = h[0] / 3.0
         hull = [first[0, 1:4], first[0, 1:4] + slope * first[0, 4:], last[0, 1:4] - slope * last[0, 4:], last[0, 1:4]]
         wanted = max(float(kind.measure(value, 1.3, f[None], h[0] ** 4 / 384.0 * fourth)[0]) for f in hull)
-        assert given.enclose(first, last, h, B, P, None)[0] == pytest.approx(wanted, rel=1e-12)
+        assert given.enclose(first, last, h, B, P)[0] == pytest.approx(wanted, rel=1e-12)
 
 
 def test_forces_and_their_rates_are_those_of_differences() -> None:
@@ -323,39 +324,46 @@ def test_the_speeds_of_one_interval_add_the_third_derivatives_of_each_capsule() 
         for k, m in enumerate(link):
             third = P[0, m, 3] + (max(np.linalg.norm(first[k]), np.linalg.norm(second[k])) + radius[k]) * B[0, m, 3]
             wanted = max(wanted, max(one[0, 1 + k], other[0, 1 + k]) + (h[0] ** 2 / 8.0 * third / 0.4 if m else 0.0))
-        assert given.enclose(one, other, h, B, P, None)[0] == pytest.approx(wanted, rel=1e-12)
+        assert given.enclose(one, other, h, B, P)[0] == pytest.approx(wanted, rel=1e-12)
 
 
 @pytest.mark.parametrize("rate", [False, True])
-def test_the_motor_torques_of_one_interval_are_a_cubics_with_friction_and_a_remainder(rate: bool) -> None:
-    rng = np.random.default_rng(12)
+def test_the_motor_torques_of_one_interval_are_a_cubics_with_friction_and_a_remainder(
+    rate: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("TORQUE_INTERVALS", "FEW_INTERVALS"):  # nothing is divided
+        monkeypatch.setattr(analysis, name, 0)
+    rng, kind = np.random.default_rng(12), kind_of("motor_torque_rate" if rate else "motor_torque")
     robot = random_loaded(rng, 3, prismatic=False, coulomb=0.4).with_motors(np.eye(3) + 0.3 * rng.normal(size=(3, 3)))
-    motors, T = robot.motors, rng.normal(size=(3, 3))
-    value = Combination(T, rng.uniform(1.0, 3.0, 3))
-    given = given_of(robot, "motor_torque_rate" if rate else "motor_torque", value)
-    assert given.excess == 1e-5
-    E, signs = np.abs(np.linalg.inv(motors.matrix)), np.zeros(3, bool)
+    motors, T, seen = robot.motors, rng.normal(size=(3, 3)), set()
+    value, E, plain = (
+        Combination(T, rng.uniform(1.0, 3.0, 3)),
+        np.linalg.inv(motors.matrix),
+        replace(robot, motors=None),
+    )
     for _ in range(60):
-        first, last = rng.normal(size=(2, 1, 6 + 6 * len(robot.loads)))
-        D, h = 10.0 ** rng.uniform(-2.0, 1.0, (1, 6, 3)), rng.uniform(0.1, 1.0, 1)
-        fourth = MotionAnalysis(robot, coarse(rng, 3, 1.0)).fourth_bounds(robot.loads[0], D)[0]
-        fourth = np.abs(T) @ fourth + motors.viscous * (E @ D[0, 5])
-        a, c, b, d = first[0, 6:9], first[0, 9:12], last[0, 6:9], last[0, 9:12]
-        v0, v1 = first[0, 3:6], last[0, 3:6]
-        if rate:
-            middle = 3.0 * (b - a) / h[0] - c - d  # the Bézier point of the slope's parabola
-            wanted = np.abs([c, middle, d]).max(axis=0) + np.sqrt(3.0) * h[0] ** 3 / 216.0 * fourth
-        else:
-            hull = np.array([a, a + h[0] / 3.0 * c, b - h[0] / 3.0 * d, b])
-            off = h[0] ** 4 / 384.0 * fourth
-            fast = h[0] * (E @ D[0, 2])
-            up = (v0 > fast) & (v1 > fast)
-            down = (v0 < -fast) & (v1 < -fast)
-            signs |= [up.any(), down.any(), (~up & ~down).any()]
-            f = motors.coulomb
-            high = hull.max(axis=0) + off + np.where(down, -f, f)
-            low = hull.min(axis=0) - off + np.where(up, f, -f)
-            wanted = np.maximum(high, -low)
-        found = given.enclose(first, last, h, np.zeros((1, 4, 7)), np.zeros((1, 4, 7)), D)
-        np.testing.assert_allclose(found[0], wanted / value.bound, rtol=1e-12)
-    assert rate or signs.all()
+        motion = coarse(rng, 3, rng.uniform(0.1, 1.0), 1)
+        t = motion.knots
+        v, a, j = (motion(t, order) @ E.T for order in (1, 2, 3))
+        axes = values(plain, motion, t, plain.loads[0])
+        tau = axes[:, 0] @ T.T + motors.inertia * a + motors.viscous * v
+        slope = axes[:, 1] @ T.T + motors.inertia * j + motors.viscous * a
+        fourth = np.abs(T) @ MotionAnalysis(plain, motion).torques.ends[0].fourths[0]
+        fourth += motors.viscous * np.abs(E @ (120.0 * motion.padded[0, 0]))
+        turns = motion(np.linspace(*t, 2001), 1) @ E.T
+        found = kind.judge(MotionAnalysis(robot, motion), value).value
+        for i in range(3):
+            cubic = CubicHermiteSpline(t, tau[:, i], slope[:, i])
+            curve = cubic.derivative() if rate else cubic
+            peaks = curve(np.append(t, [x for x in curve.derivative().roots() if t[0] <= x <= t[1]]))
+            h, f = t[1] - t[0], 0.0 if rate else motors.coulomb[i]
+            off = fourth[i] * (np.sqrt(3.0) * h**3 / 216.0 if rate else h**4 / 384.0)
+            both = np.abs(peaks).max() + off + f
+            if f == 0.0 or turns[:, i].min() < 0.0 < turns[:, i].max():
+                assert found[i] == pytest.approx(both, rel=1e-9)
+                continue
+            sign = np.sign(turns[1000, i])
+            one = max(peaks.max() + off + sign * f, off - peaks.min() - sign * f)
+            assert min(abs(found[i] - one), abs(found[i] - both)) <= 1e-9 * both
+            seen |= {(sign, bool(abs(found[i] - one) <= 1e-9 * both))}
+    assert rate or {(1.0, True), (-1.0, True)} <= seen

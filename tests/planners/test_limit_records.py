@@ -314,7 +314,7 @@ def test_a_ratio_below_one_is_proved_to_be_at_most_one() -> None:
         def enclose(first: Array, last: Array, h: Array, *_: Array) -> Array:
             return first[:, 0] * (1.0 + 9e-5 * np.minimum(h / 0.01, 1.0) ** 2)
 
-        (ratio,), _ = motion.prove_peaks(most, evaluate, enclose, 1e-4)
+        ratio, _ = motion.prove_peak(most, evaluate, enclose, 1e-4)
         assert most <= ratio <= (1.0 if most < 1.0 else most * (1.0 + 1e-4))
 
 

@@ -300,8 +300,7 @@ def test_fourth_derivatives_of_torques_are_below_their_bounds() -> None:
     for h in (0.02, 0.3):
         joints = rng.normal(size=(1, 6, robot.n)) / h ** np.arange(6.0)[:, None]
         bounds = TorqueBounds(robot, np.array([0.0, h]), joints, joints)
-        out = np.empty((1, robot.n))
-        bound_fourths(bounds.models[0], np.array([h]), joints, out)
+        out = bound_fourths(bounds.models[0], np.array([h]), joints)
         t = 0.5 * h * (1.0 + np.cos(np.pi * (np.arange(60) + 0.5) / 60))
         powers = t[:, None] ** np.arange(6) / np.cumprod([1.0, 1.0, 2.0, 3.0, 4.0, 5.0])
         states = [powers[:, : 6 - k] @ joints[0, k:] for k in range(3)]
