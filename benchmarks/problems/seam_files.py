@@ -46,7 +46,7 @@ BLEND = 2e-3
 """Largest distance of the tool from a pose [m]."""
 
 
-class Model(NamedTuple):
+class SeamModel(NamedTuple):
     """An arm of the files: our name and number of joints, our base in the file's [m], and our flange in the file's."""
 
     name: str
@@ -56,9 +56,9 @@ class Model(NamedTuple):
 
 
 MODELS = {
-    "panda": Model("panda", 7, np.zeros(3), HAND),
-    "fetch": Model("fetch", 8, np.zeros(3), np.eye(3)),
-    "fetch_arm": Model("fetch", 7, TORSO, np.eye(3)),
+    "panda": SeamModel("panda", 7, np.zeros(3), HAND),
+    "fetch": SeamModel("fetch", 8, np.zeros(3), np.eye(3)),
+    "fetch_arm": SeamModel("fetch", 7, TORSO, np.eye(3)),
 }
 """Arms by their names in the files; fetch_arm begins behind the lift."""
 

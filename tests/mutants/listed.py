@@ -350,7 +350,7 @@ LISTED: tuple[tuple[str, str, str], ...] = (
     ("planners/choice/rows.py", "base = link[i] if kind == SELF else 0", "base = 0"),
     ("planners/choice/rows.py", "(moved[k, i] if kind == SELF else 0.0)", "0.0"),
     ("planners/choice/rows.py", "known[k, p] = room + way", "known[k, p] = room + 2.0 * way"),
-    ("planners/choice/rows.py", "- moved[max(k - 1, 0), m] - (step", "- moved[max(k - 1, 0), m] + (step"),
+    ("planners/choice/rows.py", "- moved[last, m] - step", "- moved[last, m] + step"),
     ("planners/choice/rows.py", "(ahead[i] if kind == SELF else 0.0)", "0.0"),
     ("optik/scene/contact.py", "if bound > 0.0 and bound - DISTANCE", "if bound - DISTANCE"),
     (
