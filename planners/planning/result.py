@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
-from importlib import import_module
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -43,6 +42,14 @@ class PlanSeconds(NamedTuple):
     joints: float = 0.0
     timing: float = 0.0
     certificate: float = 0.0
+
+
+class Stopping(NamedTuple):
+    """Certified stops along a motion: from times t (k,) [s], their durations [s] and their ways along the path [m, rad]."""
+
+    t: Array
+    time: Array
+    distance: Array
 
 
 def judge_certificate(
@@ -258,9 +265,11 @@ class Plan:
         return compute_least_duration(self.goal - self.trajectory(0.0), self.limits)
 
     @cached_property
-    def stopping(self) -> Any:
+    def stopping(self) -> Stopping:
         """Certified stops along the motion: arrays ``t`` [s], ``time`` [s] and ``distance`` [m, or rad] along the path."""
-        return _finish().find_stops(self)
+        from planners.replan.finish import find_stops
+
+        return find_stops(self)
 
     def slowed_to(
         self, *, rms_torque: ArrayLike | None = None, cycle: float | None = None, stopping_time: float | None = None,
@@ -290,7 +299,9 @@ class Plan:
         NoSolution
             A limit that no slower motion respects: with the joint and its torque, or with the least that was reached.
         """
-        return _finish().stretch_to_ends(self, rms_torque, cycle, stopping_time, stopping_distance)  # type: ignore[no-any-return]
+        from planners.replan.finish import stretch_to_ends  # which replans, and so stands above this module
+
+        return stretch_to_ends(self, rms_torque, cycle, stopping_time, stopping_distance)
 
     @property
     def events(self) -> tuple[Event, ...]:
@@ -355,7 +366,22 @@ class Plan:
         )  # fmt: skip
 
     def with_motion(self, trajectory: Trajectory, proof: Certificate | None = None, **changed: Any) -> Self:
-        """Return the plan with another motion on its path, and other fields, certified unless there is a proof, and judged."""
+        """Return the plan with another motion on its path, certified and judged.
+
+        Parameters
+        ----------
+        trajectory : Trajectory
+            The motion.
+        proof : Certificate, optional
+            Its certificate, if it has one; by default it is certified.
+        **changed
+            Further fields of the plan that differ, such as ``span``.
+
+        Returns
+        -------
+        Plan
+            Of the same kind. `stretch_factor` changes with the duration, and is 1 for another ``span``.
+        """
         factors = self.stretch_factor * trajectory.duration / self.duration, self.limit_factor
         if changed.get("span", self.span) != self.span:  # another part of the path: the law's duration is not known
             factors = 1.0, 1.0
@@ -368,7 +394,20 @@ class Plan:
         return replace(plan, _certificate=proof, status=status, failure=failure)
 
     def stretched(self, factor: float, *, asked: bool = False) -> Self:
-        """Return the plan with its motion stretched by a factor, on request or for limits; of a program, its waits stay."""
+        """Return the plan with its motion stretched by a factor, certified and judged.
+
+        Parameters
+        ----------
+        factor : float
+            New duration over the present one [1]; of a program without its waits, which stay.
+        asked : bool
+            Whether the duration was asked, and not needed for limits (`limit_factor`).
+
+        Returns
+        -------
+        Plan
+            Of the same kind; itself for a factor of 1.
+        """
         if factor == 1.0:
             return self
         limit_factor = 1.0 if asked else factor * self.limit_factor
@@ -410,11 +449,6 @@ class Plan:
             The file cannot be written.
         """
         return save(self.motion, file, format=format, rate=rate, allow=allow)
-
-
-def _finish() -> Any:
-    """Return the module that stops and slows plans; it imports this one."""
-    return import_module("planners.replan.finish")
 
 
 def _freedom_to_dict(chosen: FreedomResult) -> dict[str, Any]:
