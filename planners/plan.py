@@ -17,12 +17,13 @@ from optik.registry import label
 from optik.scene import Scene
 from planners.certificate.violation import LIMIT_WORDS, Allow, check_allow
 from planners.choice.first_paths import check_avoid, check_avoidable
+from planners.choice.planner import MotionPlanner
 from planners.following.follow import DEFAULT_TOLERANCE, read_time_limit
 from planners.limits import MotionLimits, check_path
 from planners.motion import PlanStatus
 from planners.paths.base import Path
 from planners.paths.goal import check_winding, path_to
-from planners.planning.planner import MotionPlanner, PlanOptions, PlanRequest
+from planners.planning.planner import PlanOptions, PlanRequest
 from planners.planning.result import Plan, PlanSeconds
 from planners.program.parts import Program
 from planners.program.planner import ProgramPlan, plan_program, reconfigure

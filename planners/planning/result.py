@@ -17,8 +17,6 @@ from optik.types import Array
 from optik.view.page import Page, show_page
 from planners.certificate.certificate import Certificate, plan_summary
 from planners.certificate.violation import Allow, words_for
-from planners.choice.choose import FreedomResult
-from planners.choice.first_paths import SearchReport
 from planners.files import save
 from planners.following.follow import JointPath, PlanFailure
 from planners.following.resolve import Resolution
@@ -28,6 +26,7 @@ from planners.motion import Motion, PlanStatus
 from planners.motion.motion import Event, events_to_plain
 from planners.motion.show import motion_card, plot_motion, show_motion
 from planners.paths.base import Path
+from planners.paths.coordinates import CoordinateRange
 from planners.ros.export import RosExport
 from planners.timing.base import StopKind, speed_bound
 from planners.trajectory import Trajectory
@@ -42,6 +41,75 @@ class PlanSeconds(NamedTuple):
     joints: float = 0.0
     timing: float = 0.0
     certificate: float = 0.0
+
+
+@dataclass(frozen=True)
+class FreedomResult:
+    """What a plan did with the freedoms of its path.
+
+    Attributes
+    ----------
+    fixed_duration : float
+        Duration of the motion along the initial path [s].
+    gain : float
+        Fraction of it that the choice saves; 0 if the initial path was kept, at least −0.002 where the joints move less.
+    outcome : str
+        In words: chosen, or why the initial path was kept.
+    ranges : tuple of CoordinateRange
+        Allowed and reached range of each coordinate. The convex hull of the spline's coefficients proves the reached range.
+    s, values : (k,) and (k, d) arrays
+        Path parameters [m, or rad], and what each of the ranges bounds there; the joints of a path in joint space [rad, m].
+    gradient : float
+        Sum over the coefficients of |dT/dp| at the initial path [s/rad, s/m]; NaN if it is not known.
+    starts, steps : int
+        Initial guesses that were tried, and Newton steps in all.
+    distance, angle : float
+        Proved bounds on the tool's distance [m] and angle [rad] to the given path; NaN for a path in joint space.
+    unknown : tuple of str
+        Further limits, which the choice does not know: only the timing of the chosen path respects them.
+    """
+
+    fixed_duration: float
+    gain: float
+    outcome: str
+    ranges: tuple[CoordinateRange, ...]
+    s: Array
+    values: Array
+    gradient: float = float("nan")
+    starts: int = 0
+    steps: int = 0
+    distance: float = float("nan")
+    angle: float = float("nan")
+    unknown: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        moved = self.ranges if self.gain else ()
+        ranges = "; ".join(f"{one.name} {one.reached[0]:.3g} to {one.reached[1]:.3g} {one.unit}" for one in moved)
+        word = "shorter" if self.gain > 0.0 else "longer"
+        saved = f", {100.0 * abs(self.gain):.3g} % {word} than {self.fixed_duration:.4g} s" if self.gain else ""
+        unknown = f"; chosen without {', '.join(self.unknown)}" if self.unknown else ""
+        return f"  freedoms: {self.outcome}{saved}{'; ' + ranges if ranges else ''}{unknown}"
+
+
+class SearchReport(NamedTuple):
+    """How a plan found a way around obstacles.
+
+    Attributes
+    ----------
+    planner : str
+        Name of the search.
+    samples : int
+        Random configurations of all searches.
+    rounds : int
+        Rounds of the choice of path and timing, each with the pairs of shapes that came too near in those before.
+    paths : int
+        Initial paths that were tried.
+    """
+
+    planner: str
+    samples: int
+    rounds: int
+    paths: int
 
 
 class Stopping(NamedTuple):
