@@ -14,7 +14,7 @@ from optik.errors import InvalidInput
 from optik.ik.problem import check_start
 from optik.types import Array
 from planners.choice.choose import CHOSEN, ChoiceReport, pick_plan, report
-from planners.choice.first_paths import DEFAULT_SEARCH, advise_elbow
+from planners.choice.first_paths import advise_elbow
 from planners.choice.ways import DENSITIES, FEW_SEGMENTS, choose_on_path, choose_searched
 from planners.following.branches import CollisionCheck
 from planners.following.failure import PlanFailure
@@ -77,10 +77,10 @@ class MotionPlanner(PathPlanner):
         if not (_is_chosen(path) or isinstance(path, PointToPoint)):
             found = self.time(path, followed, duration, path.density)[0]
         elif around and (followed.joint_path is not None or isinstance(path, PointToPoint)):
-            found = planner._avoid(path, followed, ways, held)
+            found = choose_searched(planner, path, followed, ways, held=held)
         else:
             retime = None if planner is self and self._density(path) == 1.0 else self._retime
-            found = choose_on_path(planner, path, followed, self.request.scene, ways, held=held, retime=retime)
+            found = choose_on_path(planner, path, followed, ways, held=held, retime=retime)
         if planner is not self and isinstance(path, FreePath) and (around or not found):
             found = self._time_again(found, path, followed)
         if _is_chosen(path) or isinstance(path, PointToPoint):
@@ -135,19 +135,6 @@ class MotionPlanner(PathPlanner):
         same = chosen.has_motion and np.abs(chosen.trajectory(0.0) - q).max() <= START_TOLERANCE
         return begun, q, chosen if chosen and same else None
 
-    def _avoid(self, path: FreePath | PointToPoint, followed: FollowResult, ways: list[FreeWay], held: bool) -> Plan:
-        """Return the fastest collision-free plan from the initial paths that are searched."""
-        request, scene = self.request, self.request.scene
-        assert scene is not None
-        search = DEFAULT_SEARCH if isinstance(request.avoid, bool) else request.avoid
-        optimal = isinstance(request.law, Optimal)
-        best, made = choose_searched(
-            self, path, followed, scene, search, request.winding, ways, held=held, optimal=optimal
-        )
-        if isinstance(best, PlanFailure):
-            best = request.fail(PlanStatus(best.status), None, best)
-        return replace(best, search=made, failure=advise_elbow(best.failure, best.path, request.robot))
-
     def _with_optimal(self, path: FreePath) -> MotionPlanner:
         """Return the planner that chooses coefficients: that with the law optimal, up to the law's speed if it has one."""
         law, limits = self.request.law, self.request.limits
@@ -164,9 +151,9 @@ class MotionPlanner(PathPlanner):
         """Return the grid density for a chosen path: finer around obstacles and for many segments."""
         return DENSITIES[-1] if self.request.avoid is not False or path.segments > FEW_SEGMENTS else 1.0
 
-    def _retime(self, found: Plan) -> Plan:
+    def _retime(self, found: Plan, duration: float | None = None) -> Plan:
         """Return the motion of this planner's law along the path of another plan."""
-        return self.time(found.path, FollowResult(found.joint_path, None), None, self._density(found.path))[0]
+        return self.time(found.path, FollowResult(found.joint_path, None), duration, self._density(found.path))[0]
 
     def _time_again(self, chosen: Plan, path: FreePath, followed: FollowResult) -> Plan:
         """Return the shorter motion of this planner's law along the initial path and along the chosen one."""
@@ -188,7 +175,7 @@ class MotionPlanner(PathPlanner):
     def _finish(self, found: Plan, duration: float | None) -> Plan:
         """Return a plan along a chosen path with the requested duration, if it meets its via points."""
         if duration is not None and found:
-            found = self.time(found.path, FollowResult(found.joint_path, None), duration, self._density(found.path))[0]
+            found = self._retime(found, duration)
         if isinstance(found.path, PointToPoint) and (missed := found.path.list_missed()):
             reason = f"the via point at s = {missed[0].s:.6g} {found.path.unit} is missed by more than its tolerance"
             status, advice = PlanStatus.NOT_PROVED, "a wider tolerance, or via points farther apart"

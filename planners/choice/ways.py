@@ -23,18 +23,20 @@ from planners.choice.choose import (
     report,
 )
 from planners.choice.columns import joint_changes
-from planners.choice.first_paths import MOST_WAYS, find_easy, find_first_paths
+from planners.choice.first_paths import DEFAULT_SEARCH, MOST_WAYS, advise_elbow, find_easy, find_first_paths
 from planners.choice.programme import FreeProgramme
 from planners.choice.rows import ClearanceLimits, NearPairs, pair_rooms
 from planners.choice.solve import solve_coefficients
 from planners.following.follow import FollowResult, PlanFailure
 from planners.following.resolve.freedoms import FreeWay
+from planners.motion import PlanStatus
 from planners.paths.control_curve import DEGREE
 from planners.paths.free_path import FreePath
 from planners.paths.point_to_point import PointToPoint
 from planners.planning.planner import PathPlanner
-from planners.planning.result import FreedomResult, Plan, SearchReport
-from planners.search.base import Search, SearchLike
+from planners.planning.result import Plan, SearchReport
+from planners.search.base import Search
+from planners.timing.optimal import Optimal
 
 # ---------------- rounds of the choice around obstacles
 
@@ -195,8 +197,8 @@ def find_guess(found: Plan | None, near: float, s: Array) -> tuple[Array, Array]
 def choose_in_scene(
     choice: Choice, scene: Scene, fixed: Plan, plan_along: Callable[[FreePath | PointToPoint, Array], Plan],
     guess: tuple[Array, Array] | None = None, enough: float = 0.0,
-) -> tuple[Plan, FreedomResult, int]:  # fmt: skip
-    """Return the fastest plan that is valid in a scene, or the one along the initial path; what was done; and the rounds.
+) -> tuple[Plan, int]:  # fmt: skip
+    """Return the fastest plan that is valid in a scene, or the one along the initial path; and the rounds.
 
     Every round starts from the initial path, because the iteration cannot leave an obstacle, or from a better guess if one is
     given. An iteration ends at a duration of `enough` [s]. If no valid plan is found and the number of coefficients was not
@@ -222,7 +224,7 @@ def choose_in_scene(
             break
     outcome = "the initial path: no other is proved and shorter in time" if best is fixed else "chosen"
     duration = fixed.trajectory.duration if fixed else best.trajectory.duration
-    return best, report(best, ChoiceReport(outcome, np.nan, tried, steps), duration), rounds
+    return replace(best, freedom=report(best, ChoiceReport(outcome, np.nan, tried, steps), duration)), rounds
 
 
 def _clear(
@@ -269,13 +271,14 @@ MAY_GAIN = 1.05
 
 
 def choose_on_path(
-    planner: PathPlanner, path: FreePath | PointToPoint, followed: FollowResult, scene: Scene | None,
-    ways: Sequence[FreeWay] = (), *, held: bool, retime: Callable[[Plan], Plan] | None = None,
+    planner: PathPlanner, path: FreePath | PointToPoint, followed: FollowResult, ways: Sequence[FreeWay], *, held: bool,
+    retime: Callable[[Plan], Plan] | None,
 ) -> Plan:  # fmt: skip
     """Return the plan over the freedoms of a path with the least joint travel among the nearly fastest ones.
 
     The planner chooses paths by the law optimal. If `retime` is given, the plans are compared after retiming with its law.
     """
+    scene = planner.request.scene
 
     def plan_along(chosen: FreePath | PointToPoint, q: Array) -> Plan | None:
         return planner.time(chosen, planner.follow_from(chosen, q, scene), None)[0] or None
@@ -310,30 +313,29 @@ def choose_on_path(
 
 
 def choose_searched(
-    planner: PathPlanner, path: FreePath | PointToPoint, followed: FollowResult, scene: Scene,
-    search: SearchLike, winding: str, ways: Sequence[FreeWay] = (), *, held: bool, optimal: bool,
-) -> tuple[Plan | PlanFailure, SearchReport]:  # fmt: skip
+    planner: PathPlanner, path: FreePath | PointToPoint, followed: FollowResult, ways: Sequence[FreeWay], *, held: bool
+) -> Plan:
     """Return the fastest collision-free plan from the initial paths that are searched, or why there is no initial path."""
-    samples, rounds, tried, plans, failure = 0, 0, 0, list[Plan](), None
-    given = find_first_paths(path, scene, search, winding) if isinstance(path, PointToPoint) else [None]
+    samples, rounds, tried, plans, request = 0, 0, 0, list[Plan](), planner.request
+    scene, search = request.scene, DEFAULT_SEARCH if isinstance(request.avoid, bool) else request.avoid
+    assert scene is not None
+    given = find_first_paths(path, scene, search, request.winding) if isinstance(path, PointToPoint) else [None]
     for first in itertools.islice(given, MOST_WAYS):
         tried += 1
         if first is not None:
             samples += first.samples
             if isinstance(first.found, PlanFailure):
-                failure = first.found
+                plans = plans or [request.fail(PlanStatus(first.found.status), None, first.found)]
                 break
             followed, path = planner.follow(first.found, None, None, None), first.found
         before = min((one.trajectory.duration for one in plans if one), default=np.inf)
-        found, spent = _plan_around(planner, path, scene, followed, before, ways, held=held)
+        found, spent = _plan_around(planner, path, followed, before, ways, held=held)
         plans, rounds = [*plans, found], rounds + spent
-        if found and (not optimal or _is_enough(plans)):
+        if found and (not isinstance(request.law, Optimal) or _is_enough(plans)):
             break
     made = SearchReport(label(search) if isinstance(search, Search) else short_name(search), samples, rounds, tried)
-    if not plans:
-        assert failure is not None
-        return failure, made
-    return min(plans, key=lambda one: (not one, one.trajectory.duration if one else 0.0)), made
+    best = min(plans, key=lambda one: (not one, one.trajectory.duration if one else 0.0))
+    return replace(best, search=made, failure=advise_elbow(best.failure, best.path, request.robot))
 
 
 def _is_enough(plans: list[Plan]) -> bool:
@@ -344,15 +346,16 @@ def _is_enough(plans: list[Plan]) -> bool:
 
 
 def _plan_around(
-    planner: PathPlanner, path: FreePath | PointToPoint, scene: Scene, followed: FollowResult, before: float,
-    ways: Sequence[FreeWay], *, held: bool,
+    planner: PathPlanner, path: FreePath | PointToPoint, followed: FollowResult, before: float, ways: Sequence[FreeWay], *,
+    held: bool,
 ) -> tuple[Plan, int]:  # fmt: skip
     """Return the fastest plan from one initial path, and the rounds.
 
     A move of joints is planned on the coarse grid first. The fine one is left out if the motion is nearly the fastest
     possible, or clearly slower than that from another initial path, `before` [s].
     """
-    rounds, best = 0, None
+    rounds, best, scene = 0, None, planner.request.scene
+    assert scene is not None
     for density in DENSITIES if isinstance(path, PointToPoint) else DENSITIES[1:]:
 
         def plan_along(chosen: FreePath | PointToPoint, q: Array, density: float = density) -> Plan:
@@ -364,8 +367,8 @@ def _plan_around(
             return best or made, rounds
         choice, least = make_choice(path, fixed.joint_path, optimum, held=held, ways=ways), fixed.least_duration or 0.0
         guess = find_guess(best, NOT_FAR * least, optimum.programme.s)
-        made, result, spent = choose_in_scene(choice, scene, fixed, plan_along, guess, FAST * least)
-        made, rounds = replace(made, freedom=result), rounds + spent
+        made, count = choose_in_scene(choice, scene, fixed, plan_along, guess, FAST * least)
+        rounds += count
         best = made if made and (best is None or made.trajectory.duration < best.trajectory.duration) else best
         if made and not ENOUGH_NEAR * least < made.trajectory.duration <= MAY_GAIN * before:
             break

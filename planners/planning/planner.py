@@ -97,13 +97,9 @@ class PlanRequest:
         return (*enforced, *required_limits(given, self.allow))
 
     def certify_motion(
-        self,
-        joints: JointPath,
-        trajectory: Trajectory,
-        stretch_factor: float = 1.0,
-        analysis: MotionAnalysis | None = None,
+        self, joints: JointPath, trajectory: Trajectory, stretch_factor: float = 1.0, analysis: MotionAnalysis | None = None,
         limit_factor: float = 1.0,
-    ) -> Plan:
+    ) -> Plan:  # fmt: skip
         """Certify the law's motion, stretched by a factor, and return its plan, which is solved if the certificate is valid."""
         started = perf_counter()
         proof = certify(
@@ -205,13 +201,11 @@ class PathPlanner:
                 advice = f"strict=False slows the motion by {factor:.9g}; or another law"
                 return request.refuse(joints, proof, advice), None
             motion = stretch_analysed(raw, request.limits, enforced) if factor > 1.0 else raw
-            trajectory, analysis = motion.trajectory, motion if duration is None else None
-            limited = 1.0 if duration is not None else trajectory.duration / raw.trajectory.duration
-            if duration is not None:
-                trajectory = _scale_to_duration(trajectory, duration, law)
+            trajectory = motion.trajectory if duration is None else _scale_to_duration(motion.trajectory, duration, law)
         except NoSolution as error:
             return request.infeasible(joints, error), None
         stretch = trajectory.duration / raw.trajectory.duration
+        analysis, limited = (motion, stretch) if duration is None else (None, 1.0)
         return request.certify_motion(joints, trajectory, stretch, analysis, limited), optimum
 
 

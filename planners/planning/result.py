@@ -15,7 +15,7 @@ from optik.card import Card
 from optik.scene import Scene
 from optik.types import Array
 from optik.view.page import Page, show_page
-from planners.certificate.certificate import Certificate, plan_summary
+from planners.certificate.certificate import Certificate, shorten_text, summary_lines
 from planners.certificate.violation import Allow, words_for
 from planners.files import save
 from planners.following.follow import JointPath, PlanFailure
@@ -268,13 +268,19 @@ class Plan:
         return show_page(show_motion(self))
 
     def __str__(self) -> str:
-        path, why = self.path, self.failure
-        failure = None if why is None else (why.s, why.joint, why.reason, why.advice)
-        summary = plan_summary(
-            f"{self.status}: {self._title}", path, failure, self._certificate, self.limit_factor, self.least_duration
-        )
-        parts = (self.slowness, self.resolution, self.freedom)
-        return "\n".join([summary, *(str(part) for part in parts if part is not None)])
+        lines, why, proof = [f"{self.status}: {self._title}"], self.failure, self._certificate
+        if why is not None:
+            share = f" ({100.0 * why.s / self.path.end:.3g} % of the path)" if self.path.end > 0.0 else ""
+            if why.s or why.joint:
+                lines.append(
+                    f"stopped at s = {why.s:.3g} {self.path.unit}{share}{f', {why.joint}' if why.joint else ''}"
+                )
+            lines += [f"reason: {shorten_text(why.reason)}", f"try: {shorten_text(why.advice)}"]
+        if proof is not None:
+            lines += summary_lines(proof, self.least_duration)[why is not None :]
+            if self.limit_factor > 1.0:
+                lines.append(f"duration stretched by {100.0 * (self.limit_factor - 1.0):.3g} % to meet the limits")
+        return "\n".join([*lines, *(str(x) for x in (self.slowness, self.resolution, self.freedom) if x is not None)])
 
     @property
     def slowness(self) -> str | None:
@@ -453,8 +459,8 @@ class Plan:
         factors = self.stretch_factor * trajectory.duration / self.duration, self.limit_factor
         if changed.get("span", self.span) != self.span:  # another part of the path: the law's duration is not known
             factors = 1.0, 1.0
-        known = {"stretch_factor": factors[0], "limit_factor": factors[1], "_trajectory": trajectory}
-        plan = replace(self, **(known | changed))
+        changed = {"stretch_factor": factors[0], "limit_factor": factors[1]} | changed
+        plan = replace(self, _trajectory=trajectory, **changed)
         if proof is None:
             proof = plan.motion.certify(rate=self.certificate.rate)
         met = tuple(name for name in proof.enforced if self.certificate.worst(name)[0] <= 1.0)
