@@ -17,12 +17,13 @@ from optik.registry import label
 from optik.scene import Scene
 from planners.certificate.violation import LIMIT_WORDS, Allow, check_allow
 from planners.choice.first_paths import check_avoid, check_avoidable
+from planners.choice.planner import MotionPlanner
 from planners.following.follow import DEFAULT_TOLERANCE, read_time_limit
 from planners.limits import MotionLimits, check_path
 from planners.motion import PlanStatus
 from planners.paths.base import Path
 from planners.paths.goal import check_winding, path_to
-from planners.planning.planner import MotionPlanner, PlanOptions, PlanRequest
+from planners.planning.planner import PlanOptions, PlanRequest
 from planners.planning.result import Plan, PlanSeconds
 from planners.program.parts import Program
 from planners.program.planner import ProgramPlan, plan_program, reconfigure
@@ -91,14 +92,22 @@ def plan(
         rate=rate, duration=duration, strict=strict, tolerance=Tolerance.of(tolerance), allow=allow, scene=scene, avoid=avoid,
         winding=winding, resolve=resolve, time_limit=time_limit,
     )  # fmt: skip
-    check_count(reconfigurations, "reconfigurations", 0)
+    return _plan(robot, path, q_start, options, reconfigurations)
+
+
+def _plan(
+    robot: Robot, path: Path | Program | ArrayLike, q_start: ArrayLike | None, options: PlanOptions, most: int
+) -> Plan:
+    """Return the plan of a program, or of one path with at most so many reconfigurations."""
+    check_count(most, "reconfigurations", 0)
     if not isinstance(path, Program):
-        return _plan_path(robot, path, q_start, options, reconfigurations)
-    if reconfigurations:
-        raise InvalidInput("reconfigurations", reconfigurations, "0 for a program: plan the path of a part alone")
-    if branch is not None or avoid is not False:
-        which, got = ("avoid", avoid) if branch is None else ("branch", branch)
-        raise InvalidInput(which, repr(got)[:60], "none for a program: each part chooses for itself (Part.avoid)")
+        return _plan_path(robot, path, q_start, options, most)
+    if most:
+        raise InvalidInput("reconfigurations", most, "0 for a program: plan the path of a part alone")
+    if options.branch is not None or options.avoid is not False:
+        which = "avoid" if options.branch is None else "branch"
+        got, expected = getattr(options, which), "none for a program: each part chooses for itself (Part.avoid)"
+        raise InvalidInput(which, repr(got)[:60], expected)
     return plan_program(robot, path, q_start, _plan_path, options)
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from importlib import import_module
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -26,6 +25,7 @@ from optik.types import Array
 if TYPE_CHECKING:
     from optik.arm.compare import ArmComparison
     from optik.arm.shapes.urdf import Folders
+    from optik.view import Page
 
 
 class DHRow(NamedTuple):
@@ -135,7 +135,7 @@ class Robot(ArmDynamics):
         """Return the table of joints for a notebook."""
         return Card(title=repr(self), head=COLUMNS, rows=joint_rows(self), facts=tool_facts(self, self._rest)).to_html()
 
-    def show(self, q: ArrayLike | None = None, *, scene: Any = None) -> Any:
+    def show(self, q: ArrayLike | None = None, *, scene: Any = None) -> Page:
         """Show the arm at a configuration: in the cell of a notebook, else in the browser.
 
         Parameters
@@ -155,8 +155,9 @@ class Robot(ArmDynamics):
         InvalidInput
             A configuration of another length, NaN or infinity.
         """
-        # The viewer draws arms and scenes, so it stands above this module and is found by its name.
-        return import_module("optik.view").show_arm(self, self.limits.middle if q is None else q, scene)
+        from optik.view import show_arm  # which draws arms and scenes, and so stands above this module
+
+        return show_arm(self, self.limits.middle if q is None else q, scene)
 
     # ------------------------------------------------------------ conventions
 

@@ -31,7 +31,6 @@ from planners.certificate.path_error import PathError
 from planners.certificate.violation import Allow, Violation, check_allow, word_of_limit, words_for
 from planners.limits import ALL_LIMITS, LOADED, Extreme, MotionLimits, ToolExtreme, kind_of
 from planners.limits.inputs import plain
-from planners.paths.base import Path
 
 RATIO_ROUNDING = 1e-12
 """Largest excess of a ratio over 1 that counts as rounding error."""
@@ -419,31 +418,3 @@ def check_valid(proof: Certificate, allow: Allow = (), context: str = "", advice
         reason = context + "; ".join(violation.words for violation in violations)
         first, words = violations[0], words_for(violations, allow)
         raise InvalidMotion(reason, words, s=proof.s_at(first.t), joint=first.joint, advice=advice)
-
-
-def plan_summary(
-    headline: str,
-    path: Path,
-    failure: tuple[float, str | None, str, str] | None,
-    proof: Certificate | None,
-    limit_factor: float,
-    least: float | None = None,
-) -> str:
-    """Return a summary of a plan: its failure (path parameter, joint, reason, advice), and the certificate of its motion.
-
-    The least duration of a joint move is stated beside the duration.
-    """
-    lines = [headline]
-    if failure is not None:
-        s, name, reason, advice = failure
-        share = f" ({100.0 * s / path.end:.3g} % of the path)" if path.end > 0.0 else ""
-        joint = f", {name}" if name else ""
-        if s or name:
-            lines.append(f"stopped at s = {s:.3g} {path.unit}{share}{joint}")
-        lines.append(f"reason: {shorten_text(reason)}")
-        lines.append(f"try: {shorten_text(advice)}")
-    if proof is not None:
-        lines += summary_lines(proof, least)[failure is not None :]
-        if limit_factor > 1.0:
-            lines.append(f"duration stretched by {100.0 * (limit_factor - 1.0):.3g} % to meet the limits")
-    return "\n".join(lines)

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
-from typing import NamedTuple, Protocol, TypeVar
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -12,20 +11,18 @@ import scipy
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
 from optik.types import Array, Flags
-from planners.certificate.certificate import Certificate
 from planners.choice.programme import FreeProgramme, Statics, ToolCoordinates, is_known
 from planners.choice.rows import ViaLimits, pass_through
 from planners.choice.solve import LEAST_P_DAMPING, FreeSolution, solve_coefficients
 from planners.following.joint_path import JointPath
 from planners.following.resolve.freedoms import FreeWay
-from planners.paths.base import Path
 from planners.paths.control_curve import Basis, ControlBounds
-from planners.paths.coordinates import CoordinateRange, NullSpace
+from planners.paths.coordinates import NullSpace
 from planners.paths.free_path import FreePath
 from planners.paths.point_to_point import PointToPoint
+from planners.planning.result import FreedomResult, Plan
 from planners.timing.interior_point.newton import Iterate
 from planners.timing.optimal import Optimum
-from planners.trajectory import Trajectory
 
 WORTHLESS = 1e-4
 """Least relative decrease of the duration per radian or metre of its coordinates, predicted by the gradient, for which a
@@ -49,54 +46,6 @@ CHOSEN = "chosen"
 """Outcome of a plan along another path than the initial one."""
 NULL_STATIONS = 25
 """Configurations along the path whose null spaces are averaged."""
-
-
-@dataclass(frozen=True)
-class FreedomResult:
-    """What a plan did with the freedoms of its path.
-
-    Attributes
-    ----------
-    fixed_duration : float
-        Duration of the motion along the initial path [s].
-    gain : float
-        Fraction of it that the choice saves; 0 if the initial path was kept, at least −0.002 where the joints move less.
-    outcome : str
-        In words: chosen, or why the initial path was kept.
-    ranges : tuple of CoordinateRange
-        Allowed and reached range of each coordinate. The convex hull of the spline's coefficients proves the reached range.
-    s, values : (k,) and (k, d) arrays
-        Path parameters [m, or rad], and what each of the ranges bounds there; the joints of a path in joint space [rad, m].
-    gradient : float
-        Sum over the coefficients of |dT/dp| at the initial path [s/rad, s/m]; NaN if it is not known.
-    starts, steps : int
-        Initial guesses that were tried, and Newton steps in all.
-    distance, angle : float
-        Proved bounds on the tool's distance [m] and angle [rad] to the given path; NaN for a path in joint space.
-    unknown : tuple of str
-        Further limits, which the choice does not know: only the timing of the chosen path respects them.
-    """
-
-    fixed_duration: float
-    gain: float
-    outcome: str
-    ranges: tuple[CoordinateRange, ...]
-    s: Array
-    values: Array
-    gradient: float = float("nan")
-    starts: int = 0
-    steps: int = 0
-    distance: float = float("nan")
-    angle: float = float("nan")
-    unknown: tuple[str, ...] = ()
-
-    def __str__(self) -> str:
-        moved = self.ranges if self.gain else ()
-        ranges = "; ".join(f"{one.name} {one.reached[0]:.3g} to {one.reached[1]:.3g} {one.unit}" for one in moved)
-        word = "shorter" if self.gain > 0.0 else "longer"
-        saved = f", {100.0 * abs(self.gain):.3g} % {word} than {self.fixed_duration:.4g} s" if self.gain else ""
-        unknown = f"; chosen without {', '.join(self.unknown)}" if self.unknown else ""
-        return f"  freedoms: {self.outcome}{saved}{'; ' + ranges if ranges else ''}{unknown}"
 
 
 Parts = tuple[Basis, Flags, int, ToolCoordinates | None]
@@ -272,30 +221,6 @@ def make_choice(
     return Choice(path, joint_path, optimum, held=held and path.hold_start, ways=ways)
 
 
-class Timed(Protocol):
-    """A plan, as far as the choice needs it."""
-
-    @property
-    def trajectory(self) -> Trajectory:
-        """The motion."""
-
-    @property
-    def certificate(self) -> Certificate:
-        """Its certificate."""
-
-    @property
-    def path(self) -> Path:
-        """The path of the tool or of the joints."""
-
-    @property
-    def joint_path(self) -> JointPath:
-        """The path of the joints that follow it."""
-
-    @property
-    def has_motion(self) -> bool:
-        """Whether there is a motion."""
-
-
 class ChoiceReport(NamedTuple):
     """What a choice did: in words, Σ|dT/dp| at the initial path, initial guesses, and Newton steps in all."""
 
@@ -307,8 +232,6 @@ class ChoiceReport(NamedTuple):
 
 FIXED = ChoiceReport("the initial coefficients: only the law optimal chooses them")
 """That of a plan by another law."""
-P = TypeVar("P", bound=Timed)
-"""Type of the plans that are compared."""
 
 
 def measure_time(robot: Robot, q: Array) -> float:
@@ -322,7 +245,7 @@ def measure_travel(q: Array) -> float:
     return float(np.abs(np.diff(q, axis=0)).sum())
 
 
-def pick_plan(plans: Sequence[P]) -> P:
+def pick_plan(plans: Sequence[Plan]) -> Plan:
     """Return the plan with the least joint travel among those at most 0.2 % longer than the shortest."""
     motions = [plan.trajectory for plan in plans]
     most, u = NEARLY * min(motion.duration for motion in motions), np.linspace(0.0, 1.0, TRAVEL_SAMPLES)
@@ -331,9 +254,9 @@ def pick_plan(plans: Sequence[P]) -> P:
 
 
 def choose_coefficients(
-    path: FreePath | PointToPoint, joint_path: JointPath, optimum: Optimum | None, fixed: P, *, held: bool,
-    plan_along: Callable[[FreePath | PointToPoint, Array], P | None], ways: Sequence[FreeWay] = (),
-) -> tuple[list[P], ChoiceReport]:  # fmt: skip
+    path: FreePath | PointToPoint, joint_path: JointPath, optimum: Optimum | None, fixed: Plan, *, held: bool,
+    plan_along: Callable[[FreePath | PointToPoint, Array], Plan | None], ways: Sequence[FreeWay] = (),
+) -> tuple[list[Plan], ChoiceReport]:  # fmt: skip
     """Return plans along chosen paths, shorter than that along the initial one, and what was done.
 
     They are the fastest one, and of those nearly as fast the one with the least travel. plan_along makes a plan along a path
@@ -349,7 +272,7 @@ def choose_coefficients(
     fast = sorted((one for one in found if one.duration < most), key=lambda one: one.duration)
     near = [one for one in fast if one.duration <= NEARLY * fast[0].duration]
     outcome = f"the initial path: {'no other is shorter in time' if found else 'the iteration found no other'}"
-    tried = dict[tuple[float, float], P | None]()
+    tried = dict[tuple[float, float], Plan | None]()
     for order in (fast, sorted(near, key=lambda one: measure_travel(one.path[0]))):
         for solution in order:
             like = round(solution.duration, 5), round(measure_travel(solution.path[0]), 2)
@@ -364,7 +287,7 @@ def choose_coefficients(
     return plans, ChoiceReport(outcome, gradient, len(found), sum(one.steps for one in found))
 
 
-def report(best: Timed, made: ChoiceReport = FIXED, fixed: float | None = None) -> FreedomResult:
+def report(best: Plan, made: ChoiceReport = FIXED, fixed: float | None = None) -> FreedomResult:
     """Return the result for a plan, chosen or not, beside the duration along the initial path [s], its own by default."""
     path, duration = best.path, best.trajectory.duration
     assert isinstance(path, FreePath | PointToPoint)

@@ -147,27 +147,6 @@ class FirstPath(NamedTuple):
     samples: int
 
 
-class SearchReport(NamedTuple):
-    """How a plan found a way around obstacles.
-
-    Attributes
-    ----------
-    planner : str
-        Name of the search.
-    samples : int
-        Random configurations of all searches.
-    rounds : int
-        Rounds of the choice of path and timing, each with the pairs of shapes that came too near in those before.
-    paths : int
-        Initial paths that were tried.
-    """
-
-    planner: str
-    samples: int
-    rounds: int
-    paths: int
-
-
 def check_avoid(value: Any) -> bool | SearchLike:
     """Return whether obstacles are avoided, or by which search."""
     if isinstance(value, bool | np.bool_):

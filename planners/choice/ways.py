@@ -5,10 +5,8 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any, ClassVar, Protocol, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from optik.arm.robot import Robot
 from optik.registry import label, short_name
@@ -19,27 +17,26 @@ from planners.choice.choose import (
     CHOSEN,
     Choice,
     ChoiceReport,
-    FreedomResult,
-    P,
-    Timed,
     choose_coefficients,
     make_choice,
     pick_plan,
     report,
 )
 from planners.choice.columns import joint_changes
-from planners.choice.first_paths import MOST_WAYS, SearchReport, find_easy, find_first_paths
+from planners.choice.first_paths import DEFAULT_SEARCH, MOST_WAYS, advise_elbow, find_easy, find_first_paths
 from planners.choice.programme import FreeProgramme
 from planners.choice.rows import ClearanceLimits, NearPairs, pair_rooms
 from planners.choice.solve import solve_coefficients
 from planners.following.follow import FollowResult, PlanFailure
 from planners.following.resolve.freedoms import FreeWay
-from planners.paths.base import Path
+from planners.motion import PlanStatus
 from planners.paths.control_curve import DEGREE
 from planners.paths.free_path import FreePath
 from planners.paths.point_to_point import PointToPoint
-from planners.search.base import Search, SearchLike
-from planners.timing.optimal import Optimum
+from planners.planning.planner import PathPlanner
+from planners.planning.result import Plan, SearchReport
+from planners.search.base import Search
+from planners.timing.optimal import Optimal
 
 # ---------------- rounds of the choice around obstacles
 
@@ -187,7 +184,7 @@ def _between(path: Array, s: Array) -> Array:
     return np.concatenate([inner.reshape(-1, q.shape[1]), q[-1:]])
 
 
-def find_guess(found: Timed | None, near: float, s: Array) -> tuple[Array, Array] | None:
+def find_guess(found: Plan | None, near: float, s: Array) -> tuple[Array, Array] | None:
     """Return the coefficients of a coarse plan and its joints at grid points s, if there is one that takes at most `near` [s].
 
     A slower plan may be on a detour, which the iteration cannot leave.
@@ -198,10 +195,10 @@ def find_guess(found: Timed | None, near: float, s: Array) -> tuple[Array, Array
 
 
 def choose_in_scene(
-    choice: Choice, scene: Scene, fixed: P, plan_along: Callable[[FreePath | PointToPoint, Array], P],
+    choice: Choice, scene: Scene, fixed: Plan, plan_along: Callable[[FreePath | PointToPoint, Array], Plan],
     guess: tuple[Array, Array] | None = None, enough: float = 0.0,
-) -> tuple[P, FreedomResult, int]:  # fmt: skip
-    """Return the fastest plan that is valid in a scene, or the one along the initial path; what was done; and the rounds.
+) -> tuple[Plan, int]:  # fmt: skip
+    """Return the fastest plan that is valid in a scene, or the one along the initial path; and the rounds.
 
     Every round starts from the initial path, because the iteration cannot leave an obstacle, or from a better guess if one is
     given. An iteration ends at a duration of `enough` [s]. If no valid plan is found and the number of coefficients was not
@@ -227,13 +224,13 @@ def choose_in_scene(
             break
     outcome = "the initial path: no other is proved and shorter in time" if best is fixed else "chosen"
     duration = fixed.trajectory.duration if fixed else best.trajectory.duration
-    return best, report(best, ChoiceReport(outcome, np.nan, tried, steps), duration), rounds
+    return replace(best, freedom=report(best, ChoiceReport(outcome, np.nan, tried, steps), duration)), rounds
 
 
 def _clear(
-    choice: Choice, scene: Scene, first: tuple[Array, Array], plan_along: Callable[[FreePath | PointToPoint, Array], P],
+    choice: Choice, scene: Scene, first: tuple[Array, Array], plan_along: Callable[[FreePath | PointToPoint, Array], Plan],
     enough: float, pairs: NearPairs,
-) -> tuple[P | None, tuple[int, int]]:  # fmt: skip
+) -> tuple[Plan | None, tuple[int, int]]:  # fmt: skip
     """Return the fastest plan from a free initial path or None if none is valid, and the rounds and Newton steps."""
     (p, near), s, steps = first, choice.optimum.programme.s, 0
     cuts = Cuts(choice.robot, scene, near[0], pairs)
@@ -273,58 +270,17 @@ MAY_GAIN = 1.05
 """Largest ratio of the duration on the coarse grid to the best one of other initial paths for which the fine grid is tried."""
 
 
-class TimedPlan(Timed, Protocol):
-    """A plan, as far as the choice among several needs it."""
-
-    __dataclass_fields__: ClassVar[dict[str, Any]]
-
-    def __bool__(self) -> bool:
-        """Whether the plan is valid."""
-
-    @property
-    def law(self) -> str:
-        """Name of its time law."""
-
-    @property
-    def freedom(self) -> FreedomResult | None:
-        """What was done with the freedoms of its path."""
-
-    @property
-    def least_duration(self) -> float | None:
-        """Duration of the slowest joint alone, for a joint move [s]."""
-
-
-Q = TypeVar("Q", bound=TimedPlan)
-"""Type of the plans that are compared."""
-R = TypeVar("R", bound=TimedPlan, covariant=True)
-"""Type of the plans that a planner makes."""
-
-
-class PathPlanner(Protocol[R]):
-    """Follows paths and times them; see `planners.planning.planner.MotionPlanner`."""
-
-    def follow(self, path: Path, q: ArrayLike | None, branch: str | None, scene: Scene | None) -> FollowResult:
-        """Return the joint path along a path."""
-
-    def follow_from(self, path: Path, q: Array, scene: Scene | None) -> FollowResult:
-        """Return the joint path from a computed start."""
-
-    def time(
-        self, path: Path, followed: FollowResult, duration: float | None, density: float = 1.0
-    ) -> tuple[R, Optimum | None]:
-        """Return the plan of a joint path, and the optimum if the law has one."""
-
-
 def choose_on_path(
-    planner: PathPlanner[Q], path: FreePath | PointToPoint, followed: FollowResult, scene: Scene | None,
-    ways: Sequence[FreeWay] = (), *, held: bool, retime: Callable[[Q], Q] | None = None,
-) -> Q:  # fmt: skip
+    planner: PathPlanner, path: FreePath | PointToPoint, followed: FollowResult, ways: Sequence[FreeWay], *, held: bool,
+    retime: Callable[[Plan], Plan] | None,
+) -> Plan:  # fmt: skip
     """Return the plan over the freedoms of a path with the least joint travel among the nearly fastest ones.
 
     The planner chooses paths by the law optimal. If `retime` is given, the plans are compared after retiming with its law.
     """
+    scene = planner.request.scene
 
-    def plan_along(chosen: FreePath | PointToPoint, q: Array) -> Q | None:
+    def plan_along(chosen: FreePath | PointToPoint, q: Array) -> Plan | None:
         return planner.time(chosen, planner.follow_from(chosen, q, scene), None)[0] or None
 
     fixed, optimum = planner.time(path, followed, None)
@@ -357,33 +313,32 @@ def choose_on_path(
 
 
 def choose_searched(
-    planner: PathPlanner[Q], path: FreePath | PointToPoint, followed: FollowResult, scene: Scene,
-    search: SearchLike, winding: str, ways: Sequence[FreeWay] = (), *, held: bool, optimal: bool,
-) -> tuple[Q | PlanFailure, SearchReport]:  # fmt: skip
+    planner: PathPlanner, path: FreePath | PointToPoint, followed: FollowResult, ways: Sequence[FreeWay], *, held: bool
+) -> Plan:
     """Return the fastest collision-free plan from the initial paths that are searched, or why there is no initial path."""
-    samples, rounds, tried, plans, failure = 0, 0, 0, list[Q](), None
-    given = find_first_paths(path, scene, search, winding) if isinstance(path, PointToPoint) else [None]
+    samples, rounds, tried, plans, request = 0, 0, 0, list[Plan](), planner.request
+    scene, search = request.scene, DEFAULT_SEARCH if isinstance(request.avoid, bool) else request.avoid
+    assert scene is not None
+    given = find_first_paths(path, scene, search, request.winding) if isinstance(path, PointToPoint) else [None]
     for first in itertools.islice(given, MOST_WAYS):
         tried += 1
         if first is not None:
             samples += first.samples
             if isinstance(first.found, PlanFailure):
-                failure = first.found
+                plans = plans or [request.fail(PlanStatus(first.found.status), None, first.found)]
                 break
             followed, path = planner.follow(first.found, None, None, None), first.found
         before = min((one.trajectory.duration for one in plans if one), default=np.inf)
-        found, spent = _plan_around(planner, path, scene, followed, before, ways, held=held)
+        found, spent = _plan_around(planner, path, followed, before, ways, held=held)
         plans, rounds = [*plans, found], rounds + spent
-        if found and (not optimal or _is_enough(plans)):
+        if found and (not isinstance(request.law, Optimal) or _is_enough(plans)):
             break
     made = SearchReport(label(search) if isinstance(search, Search) else short_name(search), samples, rounds, tried)
-    if not plans:
-        assert failure is not None
-        return failure, made
-    return min(plans, key=lambda one: (not one, one.trajectory.duration if one else 0.0)), made
+    best = min(plans, key=lambda one: (not one, one.trajectory.duration if one else 0.0))
+    return replace(best, search=made, failure=advise_elbow(best.failure, best.path, request.robot))
 
 
-def _is_enough(plans: list[Q]) -> bool:
+def _is_enough(plans: list[Plan]) -> bool:
     """Return whether no other initial path need be tried: the last motion is nearly the fastest, or one was shortened."""
     over = plans[-1].trajectory.duration / (plans[-1].least_duration or np.inf)
     gained = any(one.freedom is not None and one.freedom.gain > ENOUGH_GAIN for one in plans if one)
@@ -391,18 +346,19 @@ def _is_enough(plans: list[Q]) -> bool:
 
 
 def _plan_around(
-    planner: PathPlanner[Q], path: FreePath | PointToPoint, scene: Scene, followed: FollowResult, before: float,
-    ways: Sequence[FreeWay], *, held: bool,
-) -> tuple[Q, int]:  # fmt: skip
+    planner: PathPlanner, path: FreePath | PointToPoint, followed: FollowResult, before: float, ways: Sequence[FreeWay], *,
+    held: bool,
+) -> tuple[Plan, int]:  # fmt: skip
     """Return the fastest plan from one initial path, and the rounds.
 
     A move of joints is planned on the coarse grid first. The fine one is left out if the motion is nearly the fastest
     possible, or clearly slower than that from another initial path, `before` [s].
     """
-    rounds, best = 0, None
+    rounds, best, scene = 0, None, planner.request.scene
+    assert scene is not None
     for density in DENSITIES if isinstance(path, PointToPoint) else DENSITIES[1:]:
 
-        def plan_along(chosen: FreePath | PointToPoint, q: Array, density: float = density) -> Q:
+        def plan_along(chosen: FreePath | PointToPoint, q: Array, density: float = density) -> Plan:
             return planner.time(chosen, planner.follow_from(chosen, q, None), None, density)[0]
 
         fixed, optimum = planner.time(path, followed, None, density)
@@ -411,8 +367,8 @@ def _plan_around(
             return best or made, rounds
         choice, least = make_choice(path, fixed.joint_path, optimum, held=held, ways=ways), fixed.least_duration or 0.0
         guess = find_guess(best, NOT_FAR * least, optimum.programme.s)
-        made, result, spent = choose_in_scene(choice, scene, fixed, plan_along, guess, FAST * least)
-        made, rounds = replace(made, freedom=result), rounds + spent
+        made, count = choose_in_scene(choice, scene, fixed, plan_along, guess, FAST * least)
+        rounds += count
         best = made if made and (best is None or made.trajectory.duration < best.trajectory.duration) else best
         if made and not ENOUGH_NEAR * least < made.trajectory.duration <= MAY_GAIN * before:
             break

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
-from importlib import import_module
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -16,10 +15,8 @@ from optik.card import Card
 from optik.scene import Scene
 from optik.types import Array
 from optik.view.page import Page, show_page
-from planners.certificate.certificate import Certificate, plan_summary
+from planners.certificate.certificate import Certificate, shorten_text, summary_lines
 from planners.certificate.violation import Allow, words_for
-from planners.choice.choose import FreedomResult
-from planners.choice.first_paths import SearchReport
 from planners.files import save
 from planners.following.follow import JointPath, PlanFailure
 from planners.following.resolve import Resolution
@@ -29,6 +26,7 @@ from planners.motion import Motion, PlanStatus
 from planners.motion.motion import Event, events_to_plain
 from planners.motion.show import motion_card, plot_motion, show_motion
 from planners.paths.base import Path
+from planners.paths.coordinates import CoordinateRange
 from planners.ros.export import RosExport
 from planners.timing.base import StopKind, speed_bound
 from planners.trajectory import Trajectory
@@ -43,6 +41,83 @@ class PlanSeconds(NamedTuple):
     joints: float = 0.0
     timing: float = 0.0
     certificate: float = 0.0
+
+
+@dataclass(frozen=True)
+class FreedomResult:
+    """What a plan did with the freedoms of its path.
+
+    Attributes
+    ----------
+    fixed_duration : float
+        Duration of the motion along the initial path [s].
+    gain : float
+        Fraction of it that the choice saves; 0 if the initial path was kept, at least −0.002 where the joints move less.
+    outcome : str
+        In words: chosen, or why the initial path was kept.
+    ranges : tuple of CoordinateRange
+        Allowed and reached range of each coordinate. The convex hull of the spline's coefficients proves the reached range.
+    s, values : (k,) and (k, d) arrays
+        Path parameters [m, or rad], and what each of the ranges bounds there; the joints of a path in joint space [rad, m].
+    gradient : float
+        Sum over the coefficients of |dT/dp| at the initial path [s/rad, s/m]; NaN if it is not known.
+    starts, steps : int
+        Initial guesses that were tried, and Newton steps in all.
+    distance, angle : float
+        Proved bounds on the tool's distance [m] and angle [rad] to the given path; NaN for a path in joint space.
+    unknown : tuple of str
+        Further limits, which the choice does not know: only the timing of the chosen path respects them.
+    """
+
+    fixed_duration: float
+    gain: float
+    outcome: str
+    ranges: tuple[CoordinateRange, ...]
+    s: Array
+    values: Array
+    gradient: float = float("nan")
+    starts: int = 0
+    steps: int = 0
+    distance: float = float("nan")
+    angle: float = float("nan")
+    unknown: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        moved = self.ranges if self.gain else ()
+        ranges = "; ".join(f"{one.name} {one.reached[0]:.3g} to {one.reached[1]:.3g} {one.unit}" for one in moved)
+        word = "shorter" if self.gain > 0.0 else "longer"
+        saved = f", {100.0 * abs(self.gain):.3g} % {word} than {self.fixed_duration:.4g} s" if self.gain else ""
+        unknown = f"; chosen without {', '.join(self.unknown)}" if self.unknown else ""
+        return f"  freedoms: {self.outcome}{saved}{'; ' + ranges if ranges else ''}{unknown}"
+
+
+class SearchReport(NamedTuple):
+    """How a plan found a way around obstacles.
+
+    Attributes
+    ----------
+    planner : str
+        Name of the search.
+    samples : int
+        Random configurations of all searches.
+    rounds : int
+        Rounds of the choice of path and timing, each with the pairs of shapes that came too near in those before.
+    paths : int
+        Initial paths that were tried.
+    """
+
+    planner: str
+    samples: int
+    rounds: int
+    paths: int
+
+
+class Stopping(NamedTuple):
+    """Certified stops along a motion: from times t (k,) [s], their durations [s] and their ways along the path [m, rad]."""
+
+    t: Array
+    time: Array
+    distance: Array
 
 
 def judge_certificate(
@@ -193,13 +268,19 @@ class Plan:
         return show_page(show_motion(self))
 
     def __str__(self) -> str:
-        path, why = self.path, self.failure
-        failure = None if why is None else (why.s, why.joint, why.reason, why.advice)
-        summary = plan_summary(
-            f"{self.status}: {self._title}", path, failure, self._certificate, self.limit_factor, self.least_duration
-        )
-        parts = (self.slowness, self.resolution, self.freedom)
-        return "\n".join([summary, *(str(part) for part in parts if part is not None)])
+        lines, why, proof = [f"{self.status}: {self._title}"], self.failure, self._certificate
+        if why is not None:
+            share = f" ({100.0 * why.s / self.path.end:.3g} % of the path)" if self.path.end > 0.0 else ""
+            if why.s or why.joint:
+                lines.append(
+                    f"stopped at s = {why.s:.3g} {self.path.unit}{share}{f', {why.joint}' if why.joint else ''}"
+                )
+            lines += [f"reason: {shorten_text(why.reason)}", f"try: {shorten_text(why.advice)}"]
+        if proof is not None:
+            lines += summary_lines(proof, self.least_duration)[why is not None :]
+            if self.limit_factor > 1.0:
+                lines.append(f"duration stretched by {100.0 * (self.limit_factor - 1.0):.3g} % to meet the limits")
+        return "\n".join([*lines, *(str(x) for x in (self.slowness, self.resolution, self.freedom) if x is not None)])
 
     @property
     def slowness(self) -> str | None:
@@ -258,9 +339,11 @@ class Plan:
         return compute_least_duration(self.goal - self.trajectory(0.0), self.limits)
 
     @cached_property
-    def stopping(self) -> Any:
+    def stopping(self) -> Stopping:
         """Certified stops along the motion: arrays ``t`` [s], ``time`` [s] and ``distance`` [m, or rad] along the path."""
-        return _finish().find_stops(self)
+        from planners.replan.finish import find_stops
+
+        return find_stops(self)
 
     def slowed_to(
         self, *, rms_torque: ArrayLike | None = None, cycle: float | None = None, stopping_time: float | None = None,
@@ -290,7 +373,9 @@ class Plan:
         NoSolution
             A limit that no slower motion respects: with the joint and its torque, or with the least that was reached.
         """
-        return _finish().stretch_to_ends(self, rms_torque, cycle, stopping_time, stopping_distance)  # type: ignore[no-any-return]
+        from planners.replan.finish import stretch_to_ends  # which replans, and so stands above this module
+
+        return stretch_to_ends(self, rms_torque, cycle, stopping_time, stopping_distance)
 
     @property
     def events(self) -> tuple[Event, ...]:
@@ -355,12 +440,27 @@ class Plan:
         )  # fmt: skip
 
     def with_motion(self, trajectory: Trajectory, proof: Certificate | None = None, **changed: Any) -> Self:
-        """Return the plan with another motion on its path, and other fields, certified unless there is a proof, and judged."""
+        """Return the plan with another motion on its path, certified and judged.
+
+        Parameters
+        ----------
+        trajectory : Trajectory
+            The motion.
+        proof : Certificate, optional
+            Its certificate, if it has one; by default it is certified.
+        **changed
+            Further fields of the plan that differ, such as ``span``.
+
+        Returns
+        -------
+        Plan
+            Of the same kind. `stretch_factor` changes with the duration, and is 1 for another ``span``.
+        """
         factors = self.stretch_factor * trajectory.duration / self.duration, self.limit_factor
         if changed.get("span", self.span) != self.span:  # another part of the path: the law's duration is not known
             factors = 1.0, 1.0
-        known = {"stretch_factor": factors[0], "limit_factor": factors[1], "_trajectory": trajectory}
-        plan = replace(self, **(known | changed))
+        changed = {"stretch_factor": factors[0], "limit_factor": factors[1]} | changed
+        plan = replace(self, _trajectory=trajectory, **changed)
         if proof is None:
             proof = plan.motion.certify(rate=self.certificate.rate)
         met = tuple(name for name in proof.enforced if self.certificate.worst(name)[0] <= 1.0)
@@ -368,7 +468,20 @@ class Plan:
         return replace(plan, _certificate=proof, status=status, failure=failure)
 
     def stretched(self, factor: float, *, asked: bool = False) -> Self:
-        """Return the plan with its motion stretched by a factor, on request or for limits; of a program, its waits stay."""
+        """Return the plan with its motion stretched by a factor, certified and judged.
+
+        Parameters
+        ----------
+        factor : float
+            New duration over the present one [1]; of a program without its waits, which stay.
+        asked : bool
+            Whether the duration was asked, and not needed for limits (`limit_factor`).
+
+        Returns
+        -------
+        Plan
+            Of the same kind; itself for a factor of 1.
+        """
         if factor == 1.0:
             return self
         limit_factor = 1.0 if asked else factor * self.limit_factor
@@ -410,11 +523,6 @@ class Plan:
             The file cannot be written.
         """
         return save(self.motion, file, format=format, rate=rate, allow=allow)
-
-
-def _finish() -> Any:
-    """Return the module that stops and slows plans; it imports this one."""
-    return import_module("planners.replan.finish")
 
 
 def _freedom_to_dict(chosen: FreedomResult) -> dict[str, Any]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from functools import cached_property, reduce
+from functools import cached_property
 from time import perf_counter
 from typing import Any, Self
 
@@ -292,11 +292,12 @@ def build_plan(
     after = [waits[i + 1] if i < which[-1] or ended else 0.0 for i in which]
     trajectory, begins = join_sections(moving, [lead, *after])
     proof = merge_certificates(path, which, trajectory, [p.certificate for p in moving], begins, limits)
-    seconds = reduce(_add_seconds, [section.seconds for section in moving])
+    seconds = PlanSeconds(*map(sum, zip(*(section.seconds for section in moving), strict=True)))
     rest = lead + sum(after)
 
     def whole_factor(name: str) -> float:
-        return (rest + sum(p.duration for p in moving)) / (rest + sum(p.duration / getattr(p, name) for p in moving))
+        chosen = rest + sum(float(p.duration / getattr(p, name)) for p in moving)
+        return (rest + sum(p.duration for p in moving)) / chosen
 
     status, failure = judge_certificate(proof)
     span = None if covered is None else (proof.coverage.wanted[0], proof.coverage.wanted[1])
@@ -307,10 +308,6 @@ def build_plan(
         limit_factor=whole_factor("limit_factor"), sections=tuple(sections), waits=tuple(waits), parts=tuple(parts),
         corners=tuple(corners),
     )  # fmt: skip
-
-
-def _add_seconds(a: PlanSeconds, b: PlanSeconds) -> PlanSeconds:
-    return PlanSeconds(*(x + y for x, y in zip(a, b, strict=True)))
 
 
 # ---------------- a path that needs reconfigurations
@@ -410,8 +407,8 @@ def plan_program(
         if np.ndim(options.limits.value(name)):
             expected = f"one number: a part has its own (Part.{name})"
             raise InvalidInput(f"limits.{name}", "more than one number", expected)
-    started, planner = perf_counter(), ProgramPlanner(PartFollower(robot, program, plan_path, options))
-    legs, failed = planner.follower.follow_all(q)
+    started, planner = perf_counter(), ProgramPlanner(robot, program, plan_path, options)
+    legs, failed = planner.follow_all(q)
     found = planner.fail(failed, legs) if failed is not None else planner.plan_sections(legs)
     if found and options.duration is not None:
         found = stretch_sections(found, options.duration)
@@ -419,29 +416,16 @@ def plan_program(
     return replace(found, seconds=PlanSeconds(perf_counter() - started - timing - proof, timing, proof))
 
 
-@dataclass(frozen=True)
-class ProgramPlanner:
-    """Joins followed parts into sections, and plans these with `planners.plan`."""
-
-    follower: PartFollower
-
-    @property
-    def program(self) -> Program:
-        """The program."""
-        return self.follower.program
-
-    @property
-    def options(self) -> PlanOptions:
-        """What the program is planned with."""
-        return self.follower.options
+class ProgramPlanner(PartFollower):
+    """Follows the parts of a program, joins them into sections, and plans these."""
 
     def fail(self, failed: FailedPart, legs: Sequence[Leg], sections: Sequence[Plan] = ()) -> ProgramPlan:
         """Return the plan without a motion."""
         why = failed.failure
         solver, law = self._names(sections)
         names = [part.name for part in self.program.parts]
-        robot = self.follower.robots[why.part or 0]
-        _, scene = self.follower.find_conditions(robot)
+        robot = self.robots[why.part or 0]
+        _, scene = self.find_conditions(robot)
         parts = tuple(PartRecord(names[leg.part], leg.path, -1, 0.0, 0.0, leg.joint_path) for leg in legs)
         return ProgramPlan(
             robot, failed.path, self.options.limits, PlanStatus(why.status), solver, law, failed.prefix, why,
@@ -452,7 +436,7 @@ class ProgramPlanner:
         if sections:
             return sections[0].solver, sections[0].law
         solver = self.options.solver
-        return (solver if isinstance(solver, str) else get_solver(self.follower.robot, solver).name), ""
+        return (solver if isinstance(solver, str) else get_solver(self.robot, solver).name), ""
 
     # ------------------------------------------------------------ sections
 
@@ -517,7 +501,7 @@ class ProgramPlanner:
                     assert plan.failure is not None
                     again = a + 1 + self._nearest_corner(plan.failure, places) if len(own) > 1 else -1
                     if again < 0:
-                        yield self.follower.explain(legs[own[0]].part, plan.path, plan.failure, plan.prefix)
+                        yield self.explain(legs[own[0]].part, plan.path, plan.failure, plan.prefix)
                         return
                     ended = "in contact" if plan.status is PlanStatus.CONTACT else str(plan.status).replace("_", " ")
                     reasons[again] = f"the motion with a wider corner is {ended}"
@@ -544,8 +528,8 @@ class ProgramPlanner:
         if len(legs) == 1:
             plan = first.plan
             if plan is None:
-                limits, whole = self.follower.find_limits(self.program.parts[first.part]), self.options.tolerance
-                plan = self.follower.plan_alone(first.robot, first.path, first.ends[0], limits, tolerance=whole)
+                limits, whole = self.find_limits(self.program.parts[first.part]), self.options.tolerance
+                plan = self.plan_alone(first.robot, first.path, first.ends[0], limits, tolerance=whole)
             return plan, np.array([0.0, first.path.end]), []
         path, places = join_parts(first.robot, sharp, [zone for zone, _ in zones])
         corners = [
@@ -554,7 +538,7 @@ class ProgramPlanner:
         ]
         limits = limits_of_parts(self._whole_limits(legs), 0, len(legs))
         half = self.options.tolerance.scale(0.5)
-        return self.follower.plan_alone(first.robot, path, None, limits, tolerance=half), places, corners
+        return self.plan_alone(first.robot, path, None, limits, tolerance=half), places, corners
 
     def _waits(self, parts: Sequence[PartRecord]) -> list[float]:
         """Return the waits [s] before the first section and after each."""
@@ -572,7 +556,7 @@ class ProgramPlanner:
         parts = [self.program.parts[leg.part] for leg in legs if leg.path.end > NO_LENGTH]
         for name in TOOL_SPEEDS:
             if any(getattr(part, name) is not None for part in self.program.parts):
-                each = [self.follower.find_speed(part, name) for part in parts]
+                each = [self.find_speed(part, name) for part in parts]
                 own[name] = np.array([np.inf if x is None else x for x in each])
         return replace(self.options.limits, **own) if own else self.options.limits
 

@@ -245,7 +245,7 @@ def replan(
         one = partial(replan, stop=stop, time_limit=time_limit, tolerance=tolerance, rate=rate)
         return replan_program(plan, state, one, {"timing": timing, "limits": limits, "scene": scene}, stop)
     plan = replace(plan, limits=keep_speed(plan, plan.limits)) if timing is None else plan
-    request = build_request(plan, timing, limits, (Tolerance.of(tolerance), rate, scene))
+    request = build_request(plan, timing, limits, Tolerance.of(tolerance), rate, scene)
     start = build_moving_state(plan, running, state)
     if stop and start.still:
         raise InvalidInput("state", f"a state at rest, at s = {start.at.s:.6g}", STOPPED)

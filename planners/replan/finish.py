@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,7 +17,7 @@ from optik.dynamics import torques_batch
 from optik.errors import InvalidInput, NoSolution
 from optik.types import Array
 from planners.certificate.analysis import MotionAnalysis
-from planners.planning.result import Plan
+from planners.planning.result import Plan, Stopping
 from planners.program.planner import ProgramPlan
 from planners.replan.answer import replan
 from planners.replan.state import s_at
@@ -35,14 +35,6 @@ STEPS, CHECKED_STEPS = 100, 300
 """Instants of `Stopping`, and of stops that are checked against a limit: the way to the next one is added to each of these."""
 FACTORS = np.append(1.01 ** np.arange(140), 2.0 ** np.arange(2, 10))
 """Factors of the duration that are tried in turn, because a stop is not monotone in the speed. Above 4 each one doubles."""
-
-
-class Stopping(NamedTuple):
-    """Certified stops along a motion: from times t (k,) [s], their durations [s] and their ways along the path [m, rad]."""
-
-    t: Array
-    time: Array
-    distance: Array
 
 
 def stretch_to_ends(plan: P, rms_torque: ArrayLike | None, cycle: float | None, *stopping: float | None) -> P:

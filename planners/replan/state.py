@@ -291,10 +291,11 @@ def build_request(
     plan: Plan,
     timing: LawLike | None,
     limits: MotionLimits | None,
-    options: tuple[Tolerance, float, Scene | None],
+    tolerance: Tolerance,
+    rate: float,
+    scene: Scene | None,
 ) -> PlanRequest:
     """Build the request: construct a law given by name, and check that it can enforce these limits."""
-    tolerance, rate, scene = options
     scene = plan.scene if scene is None else scene
     check_scene(plan.robot, scene)
     law = make_law(timing) if timing is not None else _own_law(plan)
@@ -302,11 +303,11 @@ def build_request(
     limits, enforced = plan.limits if limits is None else limits, plan.certificate.enforced
     if not isinstance(limits, MotionLimits):
         raise InvalidInput("limits", repr(limits)[:60], "a MotionLimits")
-    if timing is None:  # limits that the plan was allowed to exceed
-        limits = keep_speed(plan, limits)
-        allow = tuple({word_of_limit(name) for name in plan.limits.given_names if name not in enforced})
     if timing is not None:
         law.need(limits, plan.robot)
+    else:  # limits that the plan was allowed to exceed
+        limits = keep_speed(plan, limits)
+        allow = tuple({word_of_limit(name) for name in plan.limits.given_names if name not in enforced})
     check_path(limits, plan.path)
     return PlanRequest(plan.robot, plan.path, limits, plan.solver, law, tolerance, rate, scene=scene, allow=allow)
 
