@@ -58,22 +58,22 @@ class GripLimit(SpecificForceLimit):
     name: ClassVar[str] = "grip"
     record: ClassVar[Any] = Grip
 
-    def axis(self, bound: Grip) -> Array:
+    def axis(self, limit: Grip) -> Array:
         """Return the axis along which the fingers close."""
-        return np.asarray(bound.axis)
+        return np.asarray(limit.axis)
 
-    def faces(self, bound: Grip, mass: float, around: Array) -> tuple[Array, Array]:
+    def faces(self, limit: Grip, mass: float, around: Array) -> tuple[Array, Array]:
         """Return the faces across the axis, and the two along it."""
-        n = np.broadcast_to(self.axis(bound), (len(around), 1, 3))
-        most = bound.force / mass
+        n = np.broadcast_to(self.axis(limit), (len(around), 1, 3))
+        most = limit.force / mass
         return np.concatenate([around, n, -n], axis=1), np.array(
-            [2.0 * bound.friction * most] * around.shape[1] + [most] * 2
+            [2.0 * limit.friction * most] * around.shape[1] + [most] * 2
         )
 
-    def measure(self, bound: Grip, mass: float, f: Array, off: Array | float = 0.0) -> Array:
+    def measure(self, limit: Grip, mass: float, f: Array, off: Array | float = 0.0) -> Array:
         """Return the larger of both ratios."""
-        along, across = split_by_axis(f, self.axis(bound))
-        return mass / bound.force * np.maximum((across + off) / (2.0 * bound.friction), np.abs(along) + off)
+        along, across = split_by_axis(f, self.axis(limit))
+        return mass / limit.force * np.maximum((across + off) / (2.0 * limit.friction), np.abs(along) + off)
 
     def scaled(self, value: Grip, factor: float) -> Grip:
         """Return the grip with its force multiplied by a factor."""

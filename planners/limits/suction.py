@@ -47,19 +47,19 @@ class SuctionLimit(SpecificForceLimit):
     name: ClassVar[str] = "suction"
     record: ClassVar[Any] = Suction
 
-    def axis(self, bound: Suction) -> Array:
+    def axis(self, limit: Suction) -> Array:
         """Return the axis from the cup to the object."""
-        return np.asarray(bound.axis)
+        return np.asarray(limit.axis)
 
-    def faces(self, bound: Suction, mass: float, around: Array) -> tuple[Array, Array]:
+    def faces(self, limit: Suction, mass: float, around: Array) -> tuple[Array, Array]:
         """Return the faces of the cone whose tip is F / m."""
-        return around / bound.friction + self.axis(bound), np.full(around.shape[1], bound.force / mass)
+        return around / limit.friction + self.axis(limit), np.full(around.shape[1], limit.force / mass)
 
-    def measure(self, bound: Suction, mass: float, f: Array, off: Array | float = 0.0) -> Array:
+    def measure(self, limit: Suction, mass: float, f: Array, off: Array | float = 0.0) -> Array:
         """Return m (|f_t| / μ + f_n) / F."""
-        along, across = split_by_axis(f, self.axis(bound))
-        steep = np.hypot(1.0, 1.0 / bound.friction)
-        return np.asarray(mass / bound.force * np.maximum(across / bound.friction + along + steep * off, 0.0))
+        along, across = split_by_axis(f, self.axis(limit))
+        steep = np.hypot(1.0, 1.0 / limit.friction)
+        return np.asarray(mass / limit.force * np.maximum(across / limit.friction + along + steep * off, 0.0))
 
     def scaled(self, value: Suction, factor: float) -> Suction:
         """Return the cup with its force multiplied by a factor."""
