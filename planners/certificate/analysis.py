@@ -18,7 +18,7 @@ from optik.errors import InvalidInput
 from optik.ik.base import Tolerance
 from optik.kinematics import Chain
 from optik.types import Array, Flags, Indices
-from planners.certificate.bounds import FEW_INTERVALS, MotionBounds, ToolSpeedBounds, instants, prove_peak, tool_speed
+from planners.certificate.bounds import FEW_INTERVALS, MotionBounds, instants, prove_peak
 from planners.certificate.effort import find_torque_stretch
 from planners.certificate.path_error import ERROR_FLOOR, Passage, PathError, path_error
 from planners.certificate.projection import NEAREST_TURN, Nearest
@@ -481,14 +481,16 @@ class MotionAnalysis(LimitedMotion):
         return MotionBounds(self.robot, self.trajectory)
 
     @cached_property
-    def tool_speed(self) -> ToolSpeedBounds:
-        """Proved bounds on the tool's speeds."""
-        return tool_speed(self.robot, self.trajectory, self.bounds)
+    def tool_speed(self) -> tuple[Array, Array]:
+        """Proved bounds on |v| [m/s] and |ω| [rad/s] of the tool, (2,), and the times of the peaks [s]."""
+        pieces = np.arange(self.trajectory.knots.size - 1)
+        proved, _, when = self.bounds.bound_speeds(pieces, self.bounds.ends, np.ones((pieces.size, 2)))
+        return proved, when
 
     def tool_speed_bound(self, part: int) -> tuple[float, float]:
         """Return a proved bound on the tool's speed [m/s, rad/s], and the time of the peak [s]."""
-        found = self.tool_speed
-        return (found.rotation, found.t_rotation) if part else (found.speed, found.t_speed)
+        proved, when = self.tool_speed
+        return float(proved[part]), float(when[part])
 
     def tool_speed_ratio(self, on_pieces: Array, part: int) -> tuple[float, float]:
         """Return a proved bound on the ratio of the tool's speed to the limits of the path's pieces, and its time [s]."""

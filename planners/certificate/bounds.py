@@ -196,6 +196,9 @@ class MotionBounds:
     def bound_speeds(self, piece: Indices, at: Instants, limits: Array) -> Array:
         """Return bounds on |v| and |ω| over their limits (k, 2), the largest ratios found, and their times (3, 2).
 
+        Between instants v and ω are bounded by their cubic interpolants and fourth derivatives. Intervals are divided until the
+        bounds exceed the largest values found by at most 1e-6 of them.
+
         The first half of the instants `at` begins intervals of the motion, and the second half ends them.
         """
         out = np.zeros((3, 2))
@@ -226,37 +229,10 @@ NARROWEST_SHARE = 1e-9
 """Fraction of a motion's duration below which an interval is not divided: rounding in t is near."""
 SPEED_EXCESS = 1e-6
 """Largest excess of the bound over the largest speed found, as a fraction of it."""
-
-
 SPEED_FLOOR = 1e-6
 """Least speed [m/s or rad/s] that the excess is relative to."""
-
-
 SPEED_INTERVALS = 200_000
 """Largest number of intervals: minutes of computing; a motion that needs more has a looser bound."""
-
-
-class ToolSpeedBounds(NamedTuple):
-    """Proved bounds on |v| [m/s] and |ω| [rad/s] of the tool over a motion, and the times of the peaks [s]."""
-
-    speed: float
-    rotation: float
-    t_speed: float
-    t_rotation: float
-
-
-def tool_speed(robot: Robot, trajectory: Trajectory, bounds: MotionBounds | None = None) -> ToolSpeedBounds:
-    """Return proved bounds on the tool's speeds over a motion.
-
-    Between instants v and ω are bounded by their cubic interpolants and fourth derivatives (`planners.certificate.bounds`).
-    Intervals are divided until the bounds exceed the largest values found by at most 1e-6 of them.
-    """
-    bounds = bounds or MotionBounds(robot, trajectory)
-    pieces = trajectory.knots.size - 1
-    proved, _, when = bounds.bound_speeds(np.arange(pieces), bounds.ends, np.ones((pieces, 2)))
-    return ToolSpeedBounds(float(proved[0]), float(proved[1]), float(when[0]), float(when[1]))
-
-
 SPEED_HALVINGS = 32
 """Largest number of times that an interval is halved: 2⁻³² is below `NARROWEST_SHARE`."""
 

@@ -222,8 +222,8 @@ class Certificate:
         found, kind = self.extreme(field), kind_of(field)
         if kind.subject is not None:
             return found.worst((kind.subject,))
-        bound = self.parts[-1].limits.value(field) if field in self.extra else None
-        return found.worst(kind.subjects(self.analysis.robot, bound))
+        limit = self.parts[-1].limits.value(field) if field in self.extra else None
+        return found.worst(kind.subjects(self.analysis.robot, limit))
 
     @cached_property
     def violations(self) -> tuple[Violation, ...]:

@@ -49,9 +49,9 @@ class SpecificForceLimit(SampledLimit):
 
     # ------------------------------------------------------------ what a member defines
 
-    @abstractmethod
     def axis(self, limit: Any) -> Array:
         """Return the axis (3,) of the cone in the tool's frame."""
+        return np.asarray(limit.axis)
 
     @abstractmethod
     def faces(self, limit: Any, mass: float, around: Array) -> tuple[Array, Array]:
@@ -224,10 +224,6 @@ class TiltLimit(SpecificForceLimit):
     def value(self, limit: Any) -> float:
         """Return the greatest angle [rad]."""
         return float(limit.largest_angle)
-
-    def axis(self, limit: Any) -> Array:
-        """Return the axis that points up."""
-        return np.asarray(limit.axis)
 
     def faces(self, limit: Any, mass: float, around: Array) -> tuple[Array, Array]:
         """Return the faces (x cos φ + y sin φ + n tan θ) f ≤ 0, over tan θ."""

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from optik.arm.limits import ByContent
 from optik.arm.plain import read_record
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
@@ -57,7 +58,7 @@ def _find_records(robot: Robot) -> dict[str, Any]:
 
 
 @dataclass(frozen=True, eq=False)
-class MotionLimits:
+class MotionLimits(ByContent):
     """Limits of a motion, per joint; None where free.
 
     Parameters
@@ -110,17 +111,13 @@ class MotionLimits:
         kept = {kind.name: kind.check(value) for kind, value in given.items()}
         object.__setattr__(self, "extra", MappingProxyType(kept) if kept else None)
 
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, MotionLimits) and self._content() == other._content()
-
-    def __hash__(self) -> int:
-        return hash(self._content())
-
     def __reduce__(self) -> tuple[Any, ...]:
         values = [getattr(self, each.name) for each in fields(self)]
         return MotionLimits, tuple(dict(value) if isinstance(value, Mapping) else value for value in values)
 
-    def _content(self) -> Any:
+    @property
+    def content(self) -> Any:
+        """The limits that are given, as hashable values."""
         return content([getattr(self, name) for name in ALL_LIMITS]), content(dict(self.extra or {}))
 
     @staticmethod

@@ -74,6 +74,13 @@ def check_axis(value: Any, argument: str) -> tuple[float, float, float]:
     return tuple(((vector if abs(length - 1.0) < 1e-12 else vector / length) + 0.0).tolist())
 
 
+def check_place(record: Any, name: str) -> None:
+    """Check and normalise the axis and the centre of mass of a record."""
+    object.__setattr__(record, "axis", check_axis(record.axis, f"{name}.axis"))
+    if record.com is not None:
+        object.__setattr__(record, "com", check_vector(record.com, f"{name}.com"))
+
+
 def check_optional(value: Any, argument: str, unit: str, *, least: float = 0.0) -> float | None:
     """Return a number above `least`, or None."""
     return None if value is None else check_number(value, argument, f"a number above {least:g} [{unit}]", above=least)
