@@ -205,7 +205,7 @@ def test_what_is_no_method_is_refused_by_what_it_must_be(tmp_path: Path, case: s
 
 
 def test_what_must_be_declared_is_named(tmp_path: Path) -> None:
-    text = "from planners import TimeLaw\nclass METHOD(TimeLaw):\n    def _time(self, joint_path, limits): ...\n"
+    text = "from planners.timing import TimeLaw\nclass METHOD(TimeLaw):\n    def _time(self, joint_path, limits): ...\n"
     with pytest.raises(
         InvalidInput, match=r"a subclass of planners\.timing\.TimeLaw that defines them; got METHOD without enforced"
     ):
