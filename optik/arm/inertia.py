@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -98,10 +98,7 @@ def _check_tensor(mass: float, tensor: Array, where: str) -> Array:
 
 def check_shape(value: ArrayLike, shape: tuple[int, ...], argument: str) -> Array:
     """Check that a value is an array of a known shape, and return it."""
-    array = real_array(value, argument, f"numbers of shape {shape}")
-    if array.shape != shape:
-        raise InvalidInput(argument, f"shape {array.shape}", f"numbers of shape {shape}")
-    return array
+    return real_array(value, argument, f"numbers of shape {shape}", shape)
 
 
 if TYPE_CHECKING:
@@ -170,9 +167,6 @@ class Inertia(ByContent):
             object.__setattr__(self, field, freeze(np.array([body[part] for body in bodies]), field))
         for field in ("motor", "viscous", "coulomb"):
             object.__setattr__(self, field, _per_joint(getattr(self, field), n, f"inertia.{field}"))
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return Inertia, tuple(getattr(self, field.name) for field in fields(self))
 
     @property
     def content(self) -> bytes:
@@ -263,9 +257,6 @@ class Payload(ByContent):
         object.__setattr__(self, "mass", high if low == high else (low, high))
         object.__setattr__(self, "com", freeze(com, "payload.com"))
         object.__setattr__(self, "inertia", freeze(tensor, "payload.inertia"))
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return Payload, (self.mass, self.com, self.inertia)
 
     @property
     def masses(self) -> tuple[float, ...]:

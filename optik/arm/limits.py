@@ -39,11 +39,18 @@ def freeze(value: ArrayLike, argument: str) -> Array:
     return array
 
 
-class ByContent:
+class Frozen:
+    """Base of dataclasses whose arrays are read-only, also in a copy by pickle."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), tuple(getattr(self, field.name) for field in fields(self))  # type: ignore[arg-type]
+
+
+class ByContent(Frozen):
     """Base of records that are equal if their contents are."""
 
     @property
-    def content(self) -> bytes:
+    def content(self) -> Any:
         """The numbers and names, as bytes."""
         raise NotImplementedError
 
@@ -95,9 +102,6 @@ class VelocityByPosition(ByContent):
         """The numbers, as bytes."""
         return self.offset.tobytes() + self.deceleration.tobytes()
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        return VelocityByPosition, (self.offset, self.deceleration)
-
     def to_plain(self) -> dict[str, Any]:
         """Return plain data for files, which `from_plain` reads back to the last bit.
 
@@ -143,7 +147,7 @@ class VelocityByPosition(ByContent):
 
 
 @dataclass(frozen=True, eq=False)
-class JointLimits:
+class JointLimits(Frozen):
     """Limits of the joints: position, and optionally velocity, acceleration, jerk, torque and torque rate.
 
     Parameters
@@ -206,9 +210,6 @@ class JointLimits:
             value = getattr(self, field)
             if value is not None:
                 object.__setattr__(self, field, check_positive(value, lower.size, field))
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return type(self), tuple(getattr(self, field.name) for field in fields(self))
 
     @cached_property
     def middle(self) -> Array:

@@ -107,7 +107,7 @@ class ArmModel:
             if part is not None:
                 digest.update(name.encode() + part)
         if self.shapes is not None:
-            digest.update(self.shapes.digest)
+            digest.update(self.shapes.content)
         return digest.digest()
 
     def __eq__(self, other: object) -> bool:

@@ -18,7 +18,7 @@ from optik.errors import InvalidInput
 from optik.ik.base import Tolerance
 from optik.kinematics import Chain
 from optik.types import Array, Flags, Indices
-from planners.certificate.bounds import FEW_INTERVALS, MotionBounds, ToolSpeedBounds, instants, prove_peak, tool_speed
+from planners.certificate.bounds import FEW_INTERVALS, MotionBounds, instants, prove_peak
 from planners.certificate.effort import find_torque_stretch
 from planners.certificate.path_error import ERROR_FLOOR, Passage, PathError, path_error
 from planners.certificate.projection import NEAREST_TURN, Nearest
@@ -413,7 +413,7 @@ def _crossings(bounds: MotionBounds, path: Path, piece: Indices, ends: tuple[Arr
 # ---------------- analysis of a motion
 
 
-PATH_INDEPENDENT = ("bounds", "tool_speed", "torques", "motor_torques", "jumps", "rest", "peaks")
+PATH_INDEPENDENT = ("bounds", "tool_speed", "torque_bounds", "jumps", "rest", "peaks")
 """Properties of a `MotionAnalysis` that do not depend on the path."""
 
 
@@ -436,17 +436,17 @@ class MotionAnalysis(LimitedMotion):
 
     def along_path(self, path: Path | None, enough: tuple[float, float], turn: float = NEAREST_TURN) -> MotionAnalysis:
         """Return the analysis of the same motion along a path; values that do not depend on the path are reused."""
-        motion, known = MotionAnalysis(self.robot, self.trajectory, path, enough, turn), vars(self)
-        if path is self._path and motion._accuracy == self._accuracy:
+        other, known = MotionAnalysis(self.robot, self.trajectory, path, enough, turn), vars(self)
+        if path is self._path and other._accuracy == self._accuracy:
             return self
-        vars(motion).update({name: known[name] for name in PATH_INDEPENDENT if name in known})
-        return motion
+        vars(other).update({name: known[name] for name in PATH_INDEPENDENT if name in known})
+        return other
 
     def bare(self) -> MotionAnalysis:
         """Return the analysis of the same motion without its large computed values."""
-        motion, known = MotionAnalysis(self.robot, self.trajectory, self._path, *self._accuracy), vars(self)
-        vars(motion).update({name: known[name] for name in ("rest", "knot_positions") if name in known})
-        return motion
+        other, known = MotionAnalysis(self.robot, self.trajectory, self._path, *self._accuracy), vars(self)
+        vars(other).update({name: known[name] for name in ("rest", "knot_positions") if name in known})
+        return other
 
     def stretched(self, factor: float) -> MotionAnalysis:
         """Return the motion stretched in time by a factor."""
@@ -481,14 +481,16 @@ class MotionAnalysis(LimitedMotion):
         return MotionBounds(self.robot, self.trajectory)
 
     @cached_property
-    def tool_speed(self) -> ToolSpeedBounds:
-        """Proved bounds on the tool's speeds."""
-        return tool_speed(self.robot, self.trajectory, self.bounds)
+    def tool_speed(self) -> tuple[Array, Array]:
+        """Proved bounds on |v| [m/s] and |ω| [rad/s] of the tool, (2,), and the times of the peaks [s]."""
+        pieces = np.arange(self.trajectory.knots.size - 1)
+        proved, _, when = self.bounds.bound_speeds(pieces, self.bounds.ends, np.ones((pieces.size, 2)))
+        return proved, when
 
     def tool_speed_bound(self, part: int) -> tuple[float, float]:
         """Return a proved bound on the tool's speed [m/s, rad/s], and the time of the peak [s]."""
-        found = self.tool_speed
-        return (found.rotation, found.t_rotation) if part else (found.speed, found.t_speed)
+        proved, when = self.tool_speed
+        return float(proved[part]), float(when[part])
 
     def tool_speed_ratio(self, on_pieces: Array, part: int) -> tuple[float, float]:
         """Return a proved bound on the ratio of the tool's speed to the limits of the path's pieces, and its time [s]."""
@@ -497,7 +499,7 @@ class MotionAnalysis(LimitedMotion):
     def tool_speed_ends(self, part: int) -> tuple[Array, Array]:
         """Return the tool's speed (m,) at the first and at the last instant of every piece [m/s, rad/s]."""
         rows = slice(3 * part, 3 * part + 3)
-        first, last = np.linalg.norm(self.bounds.ends.motion[:, 0, rows], axis=1).reshape(2, -1)
+        first, last = np.linalg.norm(self.bounds.ends.twists[:, 0, rows], axis=1).reshape(2, -1)
         return first, last
 
     def states(self, shares: Array) -> tuple[Array, Array]:
@@ -525,30 +527,24 @@ class MotionAnalysis(LimitedMotion):
         return self.peaks[key]
 
     @cached_property
-    def torques(self) -> TorqueBounds:
-        """Torques and proved bounds on them; raises InvalidInput if the arm's masses are unknown."""
-        return self._bound_torques(None)
-
-    @cached_property
-    def motor_torques(self) -> dict[bytes, TorqueBounds]:
-        """Torques of coupled motors and proved bounds on them, by the matrix of their gears."""
+    def torque_bounds(self) -> dict[bytes, TorqueBounds]:
+        """Results of `_torques_of`, by the matrix of the gears."""
         return {}
 
-    def _bound_torques(self, gears: Gears | None) -> TorqueBounds:
-        """Return the torques of joints or motors."""
-        knots = self.bounds.knots
-        piece = np.arange(knots.size - 1)
-        ends = (self.joints_at(piece, t) for t in (knots[:-1], knots[1:]))
-        return TorqueBounds(self.robot, knots, *ends, gears=gears)
+    @property
+    def torques(self) -> TorqueBounds:
+        """Torques of the joints and proved bounds on them; raises InvalidInput if the arm's masses are unknown."""
+        return self._torques_of(None)
 
     def _torques_of(self, gears: Gears | None) -> TorqueBounds:
         """Return the torques of joints or motors, computed once."""
-        if gears is None:
-            return self.torques
-        key = gears.matrix.tobytes()
-        if key not in self.motor_torques:
-            self.motor_torques[key] = self._bound_torques(gears)
-        return self.motor_torques[key]
+        key = b"" if gears is None else gears.matrix.tobytes()
+        if key not in self.torque_bounds:
+            knots = self.bounds.knots
+            piece = np.arange(knots.size - 1)
+            ends = (self.joints_at(piece, t) for t in (knots[:-1], knots[1:]))
+            self.torque_bounds[key] = TorqueBounds(self.robot, knots, *ends, gears=gears)
+        return self.torque_bounds[key]
 
     def torque_ratios(self, limit: Array, *, rate: bool, gears: Gears | None = None) -> TorqueRatios:
         """Return proved bounds on the ratios of joint or motor torques, or of their rates, to the limits (2, n)."""

@@ -117,26 +117,26 @@ def instants(c: Array, piece: Indices, u: Array, out: Array) -> None:
 
 
 @compiled
-def _move(chain: Chain, joints: Array, poses: Array, motion: Array) -> None:
+def _move(chain: Chain, joints: Array, poses: Array, twists: Array) -> None:
     """Write the tool's poses (k, 4, 4), and its twist with two derivatives (k, 3, 6), from the joints' (k, 6, n)."""
     frame, T, _J = kinematics.workspace(chain, joints.shape[2])
     for k in range(joints.shape[0]):
         kinematics.forward(chain, joints[k, 0], frame, T)
         poses[k] = T
-        kinematics.tool_motion(chain, frame, T, joints[k, 0], joints[k, 1:4], motion[k])
+        kinematics.tool_motion(chain, frame, T, joints[k, 0], joints[k, 1:4], twists[k])
 
 
 class Instants(NamedTuple):
     """A motion at instants t (k,).
 
-    ``joints`` (k, 6, n) are the derivatives of q of order 0 to 5, ``poses`` (k, 4, 4) the tool poses, ``motion`` (k, 3, 6)
+    ``joints`` (k, 6, n) are the derivatives of q of order 0 to 5, ``poses`` (k, 4, 4) the tool poses, ``twists`` (k, 3, 6)
     the tool's twist and its first two derivatives in the base frame.
     """
 
     t: Array
     joints: Array
     poses: Array
-    motion: Array
+    twists: Array
 
 
 FAR_OUT, FEW_INTERVALS = 2.0 * np.pi, 5_000
@@ -189,12 +189,15 @@ class MotionBounds:
 
     def _moving(self, t: Array, joints: Array) -> Instants:
         """Return the motion at instants from the joints' derivatives (k, 6, n)."""
-        poses, motion = np.empty((t.size, 4, 4)), np.empty((t.size, 3, 6))
-        _move(self.robot.chain, joints, poses, motion)
-        return Instants(t, joints, poses, motion)
+        poses, twists = np.empty((t.size, 4, 4)), np.empty((t.size, 3, 6))
+        _move(self.robot.chain, joints, poses, twists)
+        return Instants(t, joints, poses, twists)
 
     def bound_speeds(self, piece: Indices, at: Instants, limits: Array) -> Array:
         """Return bounds on |v| and |ω| over their limits (k, 2), the largest ratios found, and their times (3, 2).
+
+        Between instants v and ω are bounded by their cubic interpolants and fourth derivatives. Intervals are divided until the
+        bounds exceed the largest values found by at most 1e-6 of them.
 
         The first half of the instants `at` begins intervals of the motion, and the second half ends them.
         """
@@ -226,45 +229,18 @@ NARROWEST_SHARE = 1e-9
 """Fraction of a motion's duration below which an interval is not divided: rounding in t is near."""
 SPEED_EXCESS = 1e-6
 """Largest excess of the bound over the largest speed found, as a fraction of it."""
-
-
 SPEED_FLOOR = 1e-6
 """Least speed [m/s or rad/s] that the excess is relative to."""
-
-
 SPEED_INTERVALS = 200_000
 """Largest number of intervals: minutes of computing; a motion that needs more has a looser bound."""
-
-
-class ToolSpeedBounds(NamedTuple):
-    """Proved bounds on |v| [m/s] and |ω| [rad/s] of the tool over a motion, and the times of the peaks [s]."""
-
-    speed: float
-    rotation: float
-    t_speed: float
-    t_rotation: float
-
-
-def tool_speed(robot: Robot, trajectory: Trajectory, bounds: MotionBounds | None = None) -> ToolSpeedBounds:
-    """Return proved bounds on the tool's speeds over a motion.
-
-    Between instants v and ω are bounded by their cubic interpolants and fourth derivatives (`planners.certificate.bounds`).
-    Intervals are divided until the bounds exceed the largest values found by at most 1e-6 of them.
-    """
-    bounds = bounds or MotionBounds(robot, trajectory)
-    pieces = trajectory.knots.size - 1
-    proved, _, when = bounds.bound_speeds(np.arange(pieces), bounds.ends, np.ones((pieces, 2)))
-    return ToolSpeedBounds(float(proved[0]), float(proved[1]), float(when[0]), float(when[1]))
-
-
 SPEED_HALVINGS = 32
 """Largest number of times that an interval is halved: 2⁻³² is below `NARROWEST_SHARE`."""
 
 
 @compiled
-def _ratio(motion: Array, limits: Array, part: int) -> float:
-    """Return |v| or |ω| of a twist in the first row of `motion`, over its limit."""
-    x, y, z = motion[0, 3 * part], motion[0, 3 * part + 1], motion[0, 3 * part + 2]
+def _ratio(twist: Array, limits: Array, part: int) -> float:
+    """Return |v| or |ω| of a twist in the first row of `twist`, over its limit."""
+    x, y, z = twist[0, 3 * part], twist[0, 3 * part + 1], twist[0, 3 * part + 2]
     return float(np.sqrt(x * x + y * y + z * z) / limits[part])
 
 
@@ -287,24 +263,24 @@ def _bound_speeds(
     frame, T, _J = kinematics.workspace(chain, n)
     D, work, moves, turns = np.empty((6, n)), np.empty((2, 6)), np.empty(6), np.empty(6)
     # An instant that begins an interval, and the ends of that interval and of those after it, the nearest last.
-    left_joints, left_motion = np.empty((6, n)), np.empty((3, 6))
+    left_joints, left_twist = np.empty((6, n)), np.empty((3, 6))
     t, joints = np.empty(SPEED_HALVINGS + 1), np.empty((SPEED_HALVINGS + 1, 6, n))
-    motion = np.empty((SPEED_HALVINGS + 1, 3, 6))
+    twists = np.empty((SPEED_HALVINGS + 1, 3, 6))
     proved, found, when = out[0], out[1], out[2]
     for i in range(2 * k):
         for part in range(2):
-            ratio = _ratio(at.motion[i], limits[i % k], part)
+            ratio = _ratio(at.twists[i], limits[i % k], part)
             if ratio > found[part]:
                 found[part], when[part] = ratio, at.t[i]
     for i in range(k):
-        left, left_joints[:], left_motion[:] = at.t[i], at.joints[i], at.motion[i]
-        t[0], joints[0], motion[0] = at.t[i + k], at.joints[i + k], at.motion[i + k]
+        left, left_joints[:], left_twist[:] = at.t[i], at.joints[i], at.twists[i]
+        t[0], joints[0], twists[0] = at.t[i + k], at.joints[i + k], at.twists[i + k]
         top = 0
         while top >= 0:
             h = t[top] - left
             joint_bounds(left_joints, h, D)
             spin = tool_bounds(links, chain[1], D, work, moves, turns)
-            a, b = left_motion, motion[top]
+            a, b = left_twist, twists[top]
             v = bezier_bound(a[0, :3], a[1, :3], b[0, :3], b[1, :3], h, moves[5]) / limits[i, 0]
             w = bezier_bound(a[0, 3:], a[1, 3:], b[0, 3:], b[1, 3:], h, spin) / limits[i, 1]
             over = max(v / max(found[0], SPEED_FLOOR), w / max(found[1], SPEED_FLOOR)) / (1.0 + SPEED_EXCESS)
@@ -314,14 +290,14 @@ def _bound_speeds(
                 t[top] = left + 0.5 * h
                 instant(c, piece[i], t[top] - knots[piece[i]], joints[top])
                 kinematics.forward(chain, joints[top, 0], frame, T)
-                kinematics.tool_motion(chain, frame, T, joints[top, 0], joints[top, 1:4], motion[top])
+                kinematics.tool_motion(chain, frame, T, joints[top, 0], joints[top, 1:4], twists[top])
                 for part in range(2):
-                    ratio = _ratio(motion[top], limits[i], part)
+                    ratio = _ratio(twists[top], limits[i], part)
                     if ratio > found[part]:
                         found[part], when[part] = ratio, t[top]
                 continue
             proved[0], proved[1], count = max(proved[0], v), max(proved[1], w), count + 1
-            left, left_joints[:], left_motion[:] = t[top], joints[top], motion[top]
+            left, left_joints[:], left_twist[:] = t[top], joints[top], twists[top]
             top -= 1
     proved[0], proved[1] = max(proved[0], found[0]), max(proved[1], found[1])
 
@@ -335,13 +311,13 @@ PEAK_INTERVALS = 200_000
 """Largest number of bounded intervals; the bound on what is left is then not close."""
 
 
-def prove_peak(motion: MotionBounds, evaluate: Evaluate, enclose: Enclose, excess: float) -> tuple[float, float]:
+def prove_peak(bounds: MotionBounds, evaluate: Evaluate, enclose: Enclose, excess: float) -> tuple[float, float]:
     """Return a proved upper bound on peak / limit, at most a fraction `excess` above the largest found, and its time [s].
 
     A ratio that is nowhere found above 1 is bounded until it is proved to be at most 1: a part of a valid motion is valid.
     """
-    piece, (left, right) = np.arange(motion.knots.size - 1), motion.joint_ends
-    begin, end = motion.knots[:-1].copy(), motion.knots[1:].copy()
+    piece, (left, right) = np.arange(bounds.knots.size - 1), bounds.joint_ends
+    begin, end = bounds.knots[:-1].copy(), bounds.knots[1:].copy()
     first, last = evaluate(left), evaluate(right)
     peak, when, proved, intervals = -np.inf, 0.0, -np.inf, 0
     for _ in range(DIVISIONS):
@@ -350,12 +326,12 @@ def prove_peak(motion: MotionBounds, evaluate: Evaluate, enclose: Enclose, exces
             when = float(at[k]) if values[k, 0] > peak else when
             peak = float(np.maximum(peak, values[k, 0]))
         h = end - begin
-        B, P = np.empty((2, h.size, motion.robot.n + 1, 7))
-        _link_bounds(motion.lengths, np.asarray(motion.robot.prismatic), left, h, B, P)
+        B, P = np.empty((2, h.size, bounds.robot.n + 1, 7))
+        _link_bounds(bounds.lengths, np.asarray(bounds.robot.prismatic), left, h, B, P)
         bound = enclose(first, last, h, B, P)
         intervals += h.size
         close = min(peak * (1.0 + excess), 1.0) if peak <= 1.0 else peak * (1.0 + excess)
-        wide = (bound > close) & (h > NARROWEST_SHARE * motion.knots[-1])
+        wide = (bound > close) & (h > NARROWEST_SHARE * bounds.knots[-1])
         if intervals > PEAK_INTERVALS:
             wide[:] = False
         proved = float(np.maximum(proved, bound[~wide].max(initial=-np.inf)))
@@ -364,7 +340,7 @@ def prove_peak(motion: MotionBounds, evaluate: Evaluate, enclose: Enclose, exces
         piece, h = np.repeat(piece[wide], DIVIDED), h[wide]
         cuts = begin[wide, None] + h[:, None] * np.arange(DIVIDED + 1) / DIVIDED
         cuts[:, -1] = end[wide]
-        inner = motion.joints_at(piece.reshape(-1, DIVIDED)[:, 1:].ravel(), cuts[:, 1:-1].ravel())
+        inner = bounds.joints_at(piece.reshape(-1, DIVIDED)[:, 1:].ravel(), cuts[:, 1:-1].ravel())
         values = evaluate(inner).reshape(h.size, DIVIDED - 1, -1)
         left = np.concatenate([left[wide][:, None], inner.reshape(h.size, DIVIDED - 1, *left.shape[1:])], axis=1)
         left = left.reshape(-1, *left.shape[2:])

@@ -90,8 +90,8 @@ class Certificate:
         Largest jump of the position, or of the velocity if the position is continuous.
     t_position_margin : (n,) array
         Times of the least distances to the position limits [s].
-    motion, parts : MotionAnalysis, and tuple of LimitedPart
-        The motion, and its parts with their limits, for the values that are computed when they are first read.
+    analysis, parts : MotionAnalysis, and tuple of LimitedPart
+        The analysis of the motion, and its parts with their limits, for the values that are computed when they are first read.
     """
 
     joint_names: tuple[str, ...]
@@ -114,7 +114,7 @@ class Certificate:
     rest: tuple[bool, bool]
     torque: Extreme
     torque_rate: Extreme
-    motion: MotionAnalysis = dataclasses.field(repr=False)
+    analysis: MotionAnalysis = dataclasses.field(repr=False)
     parts: tuple[LimitedPart, ...] = dataclasses.field(repr=False)
     extra: Mapping[str, Extreme | ToolExtreme] = dataclasses.field(default_factory=dict)
     exempt: Mapping[str, tuple[int, ...]] = dataclasses.field(default_factory=dict)
@@ -139,7 +139,7 @@ class Certificate:
     @cached_property
     def sampled_jerk(self) -> Array:
         """Largest difference of accelerations at consecutive samples of the controller, over its period [rad/s³]."""
-        return sampled_jerk(self.motion.trajectory, self.rate)
+        return sampled_jerk(self.analysis.trajectory, self.rate)
 
     @cached_property
     def binding(self) -> Binding:
@@ -148,7 +148,7 @@ class Certificate:
 
     @cached_property
     def _singular(self) -> tuple[float, float]:
-        return find_smallest_singular_value(self.motion.robot, self.motion.trajectory)
+        return find_smallest_singular_value(self.analysis.robot, self.analysis.trajectory)
 
     @property
     def singular_value(self) -> float:
@@ -221,8 +221,8 @@ class Certificate:
         found, kind = self.extreme(field), kind_of(field)
         if kind.subject is not None:
             return found.worst((kind.subject,))
-        bound = self.parts[-1].limits.value(field) if field in self.extra else None
-        return found.worst(kind.subjects(self.motion.robot, bound))
+        limit = self.parts[-1].limits.value(field) if field in self.extra else None
+        return found.worst(kind.subjects(self.analysis.robot, limit))
 
     @cached_property
     def violations(self) -> tuple[Violation, ...]:
@@ -231,7 +231,9 @@ class Certificate:
         return (
             *self._limit_violations(),
             *find_continuity_violations(self.continuous, self.jump, self.joint_names),
-            *find_position_violations(self.position_margin, ranges_of(self.motion.robot).names, self.t_position_margin),
+            *find_position_violations(
+                self.position_margin, ranges_of(self.analysis.robot).names, self.t_position_margin
+            ),
             *self.coverage.find_violations(self.tolerance, self.duration),
             *moving,
             *self.path_error.find_violations(self.tolerance),
@@ -241,7 +243,7 @@ class Certificate:
     @property
     def asked(self) -> str:
         """What the path error is of: the "pose", the "axis" with its point, or the "point" alone."""
-        return self.motion.path.asked if self.motion.has_path else "pose"
+        return self.analysis.path.asked if self.analysis.has_path else "pose"
 
     def _limit_violations(self) -> list[Violation]:
         """Return the violations of enforced limits."""
@@ -363,7 +365,7 @@ def shorten_text(words: str, most: int = 300) -> str:
 class LimitedPart(NamedTuple):
     """A part of a motion, its start time [s], and its limits."""
 
-    motion: MotionAnalysis
+    analysis: MotionAnalysis
     begin: float
     limits: MotionLimits
 
@@ -396,10 +398,10 @@ def active_constraints(parts: tuple[LimitedPart, ...], t: Array, s: Array) -> Bi
     """
     found = list[tuple[float, str, str]]()
     for part in parts:
-        motion, bounds = part.motion.bare(), part.limits.bounds(part.motion.robot.n)
-        each = [(kind, bounds[kind.name]) for kind in part.limits.kinds]
-        ratios = np.concatenate([kind.piece_ratios(motion, bound) for kind, bound in each], axis=1)
-        columns = [(kind.name, subject) for kind, b in each for subject in kind.subjects(motion.robot, b)]
+        analysis, limits = part.analysis.bare(), part.limits.bounds(part.analysis.robot.n)
+        each = [(kind, limits[kind.name]) for kind in part.limits.kinds]
+        ratios = np.concatenate([kind.piece_ratios(analysis, limit) for kind, limit in each], axis=1)
+        columns = [(kind.name, subject) for kind, limit in each for subject in kind.subjects(analysis.robot, limit)]
         found += [(float(row[i]), *columns[i]) for row, i in zip(ratios, ratios.argmax(axis=1), strict=True)]
     ratio, limit, joint = zip(*found, strict=True)
     return Binding(t, s, np.diff(s) / np.diff(t), np.array(ratio), limit, joint)

@@ -138,7 +138,7 @@ def merge_certificates(
 ) -> Certificate:  # fmt: skip
     """Return the certificate of a motion from those of its sections `which`; `limits` are those of the whole motion."""
     robot, starts = path.robots[0], path.starts[which]
-    first, motion = proofs[0], MotionAnalysis(robot, trajectory)
+    first, analysis = proofs[0], MotionAnalysis(robot, trajectory)
     tolerances = [proof.tolerance for proof in proofs if proof.tolerance is not None]
     tolerance = max(tolerances, key=lambda each: each.position, default=None)
     enforced = dict.fromkeys(name for proof in proofs for name in proof.enforced)
@@ -155,7 +155,7 @@ def merge_certificates(
         return found._replace(value=value if isinstance(found, Extreme) else float(value))
 
     steps = [step._replace(t=step.t + t) for p, t, _ in shift for step in p.friction_steps]
-    parts = [LimitedPart(part.motion, t + part.begin, part.limits) for p, t, _ in shift for part in p.parts]
+    parts = [LimitedPart(part.analysis, t + part.begin, part.limits) for p, t, _ in shift for part in p.parts]
     margins = position_margins(robot, trajectory)
     return replace(
         first, enforced=tuple(enforced), duration=trajectory.duration, tolerance=tolerance,
@@ -163,12 +163,12 @@ def merge_certificates(
         path_error=_merge_errors([p.path_error for p in proofs], begins),
         t=trajectory.knots, s=_merge_places(trajectory, shift),
         coverage=_merge_coverage([p.coverage for p in proofs], begins, starts),
-        continuous=min(continuous_order(motion.jumps), *(p.continuous for p in proofs)),
-        jump=largest_jump(trajectory, motion.jumps), rest=motion.rest,
+        continuous=min(continuous_order(analysis.jumps), *(p.continuous for p in proofs)),
+        jump=largest_jump(trajectory, analysis.jumps), rest=analysis.rest,
         clearance=_merge_clearances([p.clearance for p in proofs], begins),
         **{name: worst(name) for name in ALL_LIMITS},
         extra={name: worst(name) for name in extra}, exempt={name: each for name, each in missing.items() if each},
-        motion=motion.bare(), parts=tuple(parts), energy=_merge_energy([p.energy for p in proofs], begins),
+        analysis=analysis.bare(), parts=tuple(parts), energy=_merge_energy([p.energy for p in proofs], begins),
         friction_steps=tuple(steps),
     )  # fmt: skip
 
@@ -307,13 +307,13 @@ def _certify_sections(
     which, times = path.find_sections(span), find_section_times(path, trajectory, span)
     proofs = []
     for i, (begin, _, end) in zip(which, times, strict=True):
-        motion = cut_between(trajectory, begin, end)
+        part = cut_between(trajectory, begin, end)
         a, b = (float(np.clip(s - path.starts[i], 0.0, path.sections[i].end)) for s in span)
         own, scene = conditions_of(path, i, limits, criteria["scene"])
         enforced = tuple(name for name in criteria["enforced"] if name in own.names)
         given = criteria | {"span": (a, b), "before": before if i == which[0] else None}
         given |= {"scene": scene, "enforced": enforced}
-        proofs.append(certify(path.robots[i], path.sections[i], motion, own, **given))
+        proofs.append(certify(path.robots[i], path.sections[i], part, own, **given))
     return merge_certificates(path, which, trajectory, proofs, [time.begin for time in times], limits)
 
 
@@ -331,7 +331,7 @@ def _judge_waypoints(proof: Certificate, waypoints: Array, tolerance: ToleranceL
     if tolerance is None:
         raise InvalidInput("tolerance", "None", "a largest distance and angle, because path is an array of waypoints")
     tolerance = Tolerance.of(tolerance)
-    off = waypoint_error(proof.motion.robot, proof.motion.trajectory, waypoints, tolerance)
+    off = waypoint_error(proof.analysis.robot, proof.analysis.trajectory, waypoints, tolerance)
     return replace(proof, path_error=off, tolerance=tolerance)
 
 
@@ -358,14 +358,14 @@ def _required_accuracy(tolerance: Tolerance | None) -> tuple[tuple[float, float]
 
 
 def _certify(
-    motion: MotionAnalysis, limits: MotionLimits, before: tuple[MotionLimits, float] | None, span: tuple[float, float],
+    analysis: MotionAnalysis, limits: MotionLimits, before: tuple[MotionLimits, float] | None, span: tuple[float, float],
     scene: Scene | None, criteria: dict[str, Any],
 ) -> Certificate:  # fmt: skip
     """Return the certificate for checked arguments; the criteria are fields of it."""
-    robot, trajectory = motion.robot, motion.trajectory
-    parts = limited_parts(motion, limits, before)
-    judged = judge_parts(motion, parts)
-    off, s, covered = _measure_along_path(motion, span)
+    robot, trajectory = analysis.robot, analysis.trajectory
+    parts = limited_parts(analysis, limits, before)
+    judged = judge_parts(analysis, parts)
+    off, s, covered = _measure_along_path(analysis, span)
     return Certificate(
         joint_names=robot.joint_names,
         **criteria,
@@ -375,36 +375,36 @@ def _certify(
         t=trajectory.knots,
         s=s,
         coverage=covered,
-        continuous=continuous_order(motion.jumps),
-        jump=largest_jump(trajectory, motion.jumps),
+        continuous=continuous_order(analysis.jumps),
+        jump=largest_jump(trajectory, analysis.jumps),
         t_position_margin=position_times(robot, trajectory),
-        rest=motion.rest,
+        rest=analysis.rest,
         clearance=None if scene is None else clearance(robot, trajectory, scene),
         **{name: judged.pop(name) for name in ALL_LIMITS},
         extra=judged,
-        motion=motion.bare(),
-        parts=tuple(part._replace(motion=part.motion.bare()) for part in parts),
-        **_measure_effort(motion, limits),
+        analysis=analysis.bare(),
+        parts=tuple(part._replace(analysis=part.analysis.bare()) for part in parts),
+        **_measure_effort(analysis, limits),
     )
 
 
-def _measure_effort(motion: MotionAnalysis, limits: MotionLimits) -> dict[str, Any]:
+def _measure_effort(analysis: MotionAnalysis, limits: MotionLimits) -> dict[str, Any]:
     """Return the energy and the friction steps, if the torque or its rate is limited."""
     if all(limits.value(name) is None for name in LOADED):
         return {}
-    torques = motion.torques
-    steps = friction_steps(motion.robot, motion.trajectory, torques, motion.rest)
+    torques = analysis.torques
+    steps = friction_steps(analysis.robot, analysis.trajectory, torques, analysis.rest)
     return {"energy": energy(torques), "friction_steps": steps}
 
 
-def _measure_along_path(motion: MotionAnalysis, span: tuple[float, float]) -> tuple[PathError, Array, Coverage]:
+def _measure_along_path(analysis: MotionAnalysis, span: tuple[float, float]) -> tuple[PathError, Array, Coverage]:
     """Return the path error, the path parameters (m + 1,) at the knots, and the covered part of the path."""
-    if not motion.has_path:
-        end, nothing = motion.trajectory.end, (0.0, 0.0)
+    if not analysis.has_path:
+        end, nothing = analysis.trajectory.end, (0.0, 0.0)
         covered = Coverage(0.0, end, span, end, end, (nothing, nothing, nothing))
-        return PathError(*(float("nan"),) * 6), motion.trajectory.knots, covered
-    off, passage = motion.along
-    return off, passage.s[passage.knot], coverage(motion.path, passage, span)
+        return PathError(*(float("nan"),) * 6), analysis.trajectory.knots, covered
+    off, passage = analysis.along
+    return off, passage.s[passage.knot], coverage(analysis.path, passage, span)
 
 
 def _check_kinds(robot: Robot, path: Path | None, trajectory: Trajectory, limits: MotionLimits | None) -> MotionLimits:
@@ -426,38 +426,38 @@ def _check_kinds(robot: Robot, path: Path | None, trajectory: Trajectory, limits
 
 
 def limited_parts(
-    motion: MotionAnalysis, limits: MotionLimits, before: tuple[MotionLimits, float] | None
+    analysis: MotionAnalysis, limits: MotionLimits, before: tuple[MotionLimits, float] | None
 ) -> tuple[LimitedPart, ...]:
     """Return the whole motion as one part, or its parts before and after the time at which the limits change."""
     if before is None:
-        return (LimitedPart(motion, 0.0, limits),)
+        return (LimitedPart(analysis, 0.0, limits),)
     expected = "limits of the same kinds, and the time of a knot inside the motion"
     if not isinstance(before, tuple | list) or len(before) != 2 or not isinstance(before[0], MotionLimits):
         raise InvalidInput("before", repr(before)[:60], expected)
     old, t = before[0], check_number(before[1], "before", expected, above=0.0)
-    trajectory, path = motion.trajectory, motion.path if motion.has_path else None
+    trajectory, path = analysis.trajectory, analysis.path if analysis.has_path else None
     knots = trajectory.knots
     t = float(knots[int(np.abs(knots - t).argmin())]) if np.abs(knots - t).min() <= 1e-12 * trajectory.end else t
     if old.names != limits.names or t not in knots:
         raise InvalidInput("before", f"limits on {', '.join(old.names)} until {t:.9g} s", expected)
     if t >= trajectory.end:
-        return (LimitedPart(motion, 0.0, old),)
+        return (LimitedPart(analysis, 0.0, old),)
     halves = cut_after(trajectory, t), cut_before(trajectory, t)
-    first, second = (MotionAnalysis(motion.robot, part, path) for part in halves)
+    first, second = (MotionAnalysis(analysis.robot, part, path) for part in halves)
     return LimitedPart(first, 0.0, old), LimitedPart(second, t, limits)
 
 
-def judge_parts(motion: MotionAnalysis, parts: tuple[LimitedPart, ...]) -> dict[str, Any]:
+def judge_parts(analysis: MotionAnalysis, parts: tuple[LimitedPart, ...]) -> dict[str, Any]:
     """Return the peak values of each kind of limit over the parts; infinite if a derivative jumps between two parts."""
-    n = motion.robot.n
+    n = analysis.robot.n
     found: dict[str, Any] = {}
     for kind in parts[-1].limits.kinds:
-        each: list[Any] = [kind.judge(part.motion, part.limits.bounds(n)[kind.name]) for part in parts]
+        each: list[Any] = [kind.judge(part.analysis, part.limits.bounds(n)[kind.name]) for part in parts]
         each = [x._replace(time=x.time + part.begin) for x, part in zip(each, parts, strict=True)]
         found[kind.name] = each[0] if len(each) == 1 else select_worse(*each)
     if len(parts) > 1:
-        k = int(np.searchsorted(motion.trajectory.knots, parts[1].begin))
-        jump = motion.jumps[:3, k].any(axis=0)
+        k = int(np.searchsorted(analysis.trajectory.knots, parts[1].begin))
+        jump = analysis.jumps[:3, k].any(axis=0)
         for kind in parts[-1].limits.kinds if jump.any() else ():
             # A jump of the acceleration is an infinite rate; one of a joint moves the torques of all.
             if kind.order > 2:

@@ -119,13 +119,13 @@ def turn_between(joint: Array, prismatic: Flags, base: int, link: int) -> float:
 
 @compiled
 def _bound_joints(
-    motion: Polynomials, first: int, last: int, span: Array, D: Array, joint: Array
+    curves: Polynomials, first: int, last: int, span: Array, D: Array, joint: Array
 ) -> tuple[float, bool]:
     """Compute derivatives D (1, 6, n) at the middle of an interval over pieces `first` to `last`, and `joint` of `_locate_end`.
 
     Returns half the length of the interval [s], and whether velocities are continuous in it.
     """
-    c, knots, extrema, continuous = motion
+    c, knots, extrema, continuous = curves
     t = 0.5 * (span[0] + span[1])
     h = 0.5 * (span[1] - span[0])
     piece, smooth = first, True
@@ -221,7 +221,7 @@ def _split(knots: Array, first: int, last: int, span: Array) -> tuple[float, int
 
 @compiled
 def _judge_level(
-    chain: Chain, bodies: Bodies, motion: Polynomials, wanted: SearchOptions,
+    chain: Chain, bodies: Bodies, curves: Polynomials, wanted: SearchOptions,
     nodes: tuple[Array, Indices], open_: tuple[Indices, Array], rest: tuple[Indices, Array], least: Array,
 ) -> Indices:  # fmt: skip
     """Bound the distances of the open pairs in all intervals of one level.
@@ -248,7 +248,7 @@ def _judge_level(
             own = 1 if kind == SELF else 0
             if bound < _target(least[own, 0], own, wanted):
                 if not placed:
-                    h, smooth = _bound_joints(motion, first, last, nodes[0][node], D, joint)
+                    h, smooth = _bound_joints(curves, first, last, nodes[0][node], D, joint)
                     kinematics.frames(chain, D[0, 0], frame)
                     spheres[:, 3], placed = -1.0, True
                 locate_capsule(k, chain, frame, axes, joint, moved, spheres)
@@ -281,7 +281,7 @@ def _judge_level(
 
 
 @compiled
-def search(chain: Chain, bodies: Bodies, motion: Polynomials, wanted: SearchOptions, least: Array) -> int:
+def search(chain: Chain, bodies: Bodies, curves: Polynomials, wanted: SearchOptions, least: Array) -> int:
     """Find and prove the least distances over a motion, of pairs with the scene and of pairs of the arm's own capsules.
 
     All intervals of one length are bounded before their halves, so that the least distance found soon approaches the true one.
@@ -289,7 +289,7 @@ def search(chain: Chain, bodies: Bodies, motion: Polynomials, wanted: SearchOpti
 
     Shapes and units: least (2, 4) [m] (overwritten).
     """
-    knots, pairs = motion[1], bodies[2]
+    knots, pairs = curves[1], bodies[2]
     end = knots.shape[0] - 2
     least[:, 0], least[:, 1], least[:, 2], least[:, 3] = np.inf, 0.0, np.inf, -1.0
     spans = np.array([[0.0, 0.0], [knots[end + 1], knots[end + 1]], [0.0, knots[end + 1]]])
@@ -299,7 +299,7 @@ def search(chain: Chain, bodies: Bodies, motion: Polynomials, wanted: SearchOpti
     while spans.shape[0]:
         total += spans.shape[0]
         rest = (np.empty(parts[:, 3].sum(), np.int64), np.empty(parts[:, 3].sum()))
-        left = _judge_level(chain, bodies, motion, wanted, (spans, parts), (ids, bounds), rest, least)
+        left = _judge_level(chain, bodies, curves, wanted, (spans, parts), (ids, bounds), rest, least)
         ends = least[0, 0] <= wanted[0] or least[1, 0] <= 0.0 or total >= wanted[4]
         halves, those, count = np.empty((2 * spans.shape[0], 2)), np.empty((2 * spans.shape[0], 4), np.int64), 0
         for k in range(spans.shape[0]):
@@ -471,10 +471,10 @@ def clearance(robot: Robot, trajectory: Trajectory, scene: Scene) -> Clearance:
     """
     check_scene(robot, scene)
     pairs, bodies, axes = find_pairs(robot, scene), bodies_of(robot, scene), axes_motion(robot, trajectory)
-    motion = (axes.padded, axes.knots, axes.piece_ranges, _is_continuous(axes))
+    curves = (axes.padded, axes.knots, axes.piece_ranges, _is_continuous(axes))
     wanted = (scene.margin, *CLOSE, NARROWEST_SHARE * trajectory.duration, MOST_INTERVALS)
     least = np.empty((2, 4))
-    search(robot.axes.chain, bodies, motion, wanted, least)
+    search(robot.axes.chain, bodies, curves, wanted, least)
     touched = least[0, 0] <= scene.margin or least[1, 0] <= 0.0
     kinds: list[Closest | None] = []
     for found, t, value, pair in least.tolist():

@@ -126,17 +126,17 @@ class _Parts(NamedTuple):
     friction: Array
 
 
-def find_torque_stretch(torques: TorqueBounds, bound: Array, *, rate: bool) -> float:
+def find_torque_stretch(torques: TorqueBounds, limit: Array, *, rate: bool) -> float:
     """Return the least factor by which a motion is stretched in time to respect the limits at the ends of its pieces.
 
     The excess of each joint's proved bound over its largest value there is added, with the highest power of the speed. So the
     proof of the stretched motion nearly succeeds.
     """
-    proved = torques.bound_ratios(bound, rate=rate).ratio
+    proved = torques.bound_ratios(limit, rate=rate).ratio
     parts = [_parts(model, ends, rate) for model, ends in zip(torques.models, torques.ends, strict=True)]
     powers, friction = (np.concatenate(part) for part in zip(*parts, strict=True))
-    limited = np.isfinite(bound[1])
-    weights = np.where(limited, 1.0 / np.where(limited, bound, 1.0), 0.0)
+    limited = np.isfinite(limit[1])
+    weights = np.where(limited, 1.0 / np.where(limited, limit, 1.0), 0.0)
     excess, there = np.zeros(proved.size), np.empty(proved.size)
     kept = (powers, friction, weights, excess, 3 if rate else 2)
     _worst(kept, 1.0, there)

@@ -67,19 +67,19 @@ def _angle(norm: float) -> float:
 
 
 @compiled
-def compare(poses: Array, motion: Array, path_poses: Array, twist: Array, error: Array, off: Array) -> None:
+def compare(poses: Array, twists: Array, path_poses: Array, twist: Array, error: Array, off: Array) -> None:
     """Compute the errors of tool poses from path poses, and their distances and angles.
 
     The position error and the rotation error E − I, with E = R_tool R_pathᵀ, are the first row of ``error``. The second row
     is its time derivative for a path at standstill, the third what each unit of ṡ adds to that.
 
-    Shapes and units: poses, path_poses (k, 4, 4), motion (k, 3, 6), twist (k, 6), error (k, 3, 12), off (k, 2) [m, rad].
+    Shapes and units: poses, path_poses (k, 4, 4), twists (k, 3, 6), twist (k, 6), error (k, 3, 12), off (k, 2) [m, rad].
     """
     for k in range(poses.shape[0]):
         A, B, (value, rate, along) = poses[k], path_poses[k], (error[k, 0], error[k, 1], error[k, 2])
-        w, p = motion[k, 0, 3:], twist[k, 3:]
+        w, p = twists[k, 0, 3:], twist[k, 3:]
         for i in range(3):
-            value[i], rate[i], along[i] = A[i, 3] - B[i, 3], motion[k, 0, i], -twist[k, i]
+            value[i], rate[i], along[i] = A[i, 3] - B[i, 3], twists[k, 0, i], -twist[k, i]
             for j in range(3):
                 value[3 + 3 * i + j] = A[i, 0] * B[j, 0] + A[i, 1] * B[j, 1] + A[i, 2] * B[j, 2]
         E = value[3:].reshape(3, 3)
@@ -102,7 +102,7 @@ class PieceBounds(NamedTuple):
     """Bounds (m, 2, 4) on a path's derivatives, position and rotation, on the m pieces between its breaks (m + 1,)."""
 
     breaks: Array
-    bounds: Array
+    orders: Array
 
     @classmethod
     def of(cls, path: Path) -> PieceBounds:
@@ -149,7 +149,7 @@ def _fourth_rate(b2: float, b3: float, b4: float, rates: CubicRates) -> float:
 
 @compiled
 def path_rates(
-    limits: PieceBounds, places: tuple[float, float], speeds: tuple[float, float], h: float, out: Array
+    bounds: PieceBounds, places: tuple[float, float], speeds: tuple[float, float], h: float, out: Array
 ) -> None:
     """Compute bounds on the time derivatives of a path's position and rotation for a cubic s(t) over h (Faà di Bruno).
 
@@ -159,12 +159,12 @@ def path_rates(
     """
     rates = _cubic_rates(places[0], speeds[0], places[1], speeds[1], h)
     v, a = rates.speed, rates.acceleration
-    first, final = _find_pieces(limits.breaks, rates.low, rates.high)
+    first, final = _find_pieces(bounds.breaks, rates.low, rates.high)
     for part in range(2):
         b1, b2, b3, b4 = 0.0, 0.0, 0.0, 0.0
         for i in range(first, final + 1):
-            b1, b2 = max(b1, limits.bounds[i, part, 0]), max(b2, limits.bounds[i, part, 1])
-            b3, b4 = max(b3, limits.bounds[i, part, 2]), max(b4, limits.bounds[i, part, 3])
+            b1, b2 = max(b1, bounds.orders[i, part, 0]), max(b2, bounds.orders[i, part, 1])
+            b3, b4 = max(b3, bounds.orders[i, part, 2]), max(b4, bounds.orders[i, part, 3])
         out[part, 0] = 1.0
         out[part, 1] = b1 * v
         out[part, 2] = b1 * a + b2 * v * v
@@ -180,7 +180,7 @@ def _clip_speed(v: float, before: float, after: float, h: float) -> float:
 
 @compiled
 def intervals(
-    arm: Arm, limits: PieceBounds, end: float, at: ComparedInstants, ends: Ends, out: Array, fall: Array
+    arm: Arm, bounds: PieceBounds, end: float, at: ComparedInstants, ends: Ends, out: Array, fall: Array
 ) -> None:
     """Compute bounds on distance and angle within intervals between instants of `at`; s(t) is the cubic through their ends.
 
@@ -200,7 +200,7 @@ def intervals(
         for m in range(12):
             r0[m] = at.error[i, 1, m] + v0 * at.error[i, 2, m]
             r1[m] = at.error[j, 1, m] + v1 * at.error[j, 2, m]
-        path_rates(limits, (s0, s1), (v0, v1), h, b)
+        path_rates(bounds, (s0, s1), (v0, v1), h, b)
         fall[k] = _fall(s0, v0 * h, s1, v1 * h)
         fall[k, ::2] = at.t[i] + fall[k, ::2] * h
         fourth = moves[4] + b[0, 4]
@@ -211,20 +211,20 @@ def intervals(
 
 @compiled
 def joint_intervals(
-    arm: Arm, limits: tuple[Array, Array], end: float, at: ComparedInstants, ends: Ends, out: Array
+    arm: Arm, bounds: tuple[Array, Array], end: float, at: ComparedInstants, ends: Ends, out: Array
 ) -> None:
     """Lower bounds on distance and angle within intervals to those that follow from the errors of the joints, if less.
 
     A joint that differs by e moves the tool by at most e times its greatest distance from the axis, and turns it by e. Where
     tool and path turn fast together, this bound needs far longer intervals than that of `intervals`.
 
-    Shapes and units: limits breaks (m + 1,) and bounds (m, 4, n) [rad/s^i, m/s^i], end [m, or rad], ends (2,) of (k,), out
+    Shapes and units: breaks (m + 1,) and bounds (m, 4, n) [rad/s^i, m/s^i], end [m, or rad], ends (2,) of (k,), out
     (k, 2) [m, rad].
     """
     (links, prismatic), (left, right) = arm, ends
     n = prismatic.shape[0]
     D, e = np.empty(at.joints.shape[1:]), np.empty(n)
-    breaks, bounds = limits
+    breaks, orders = bounds
     for k in range(left.shape[0]):
         a0, a1 = left[k], right[k]
         h, s0, s1 = at.t[a1] - at.t[a0], at.s[a0], at.s[a1]
@@ -237,7 +237,7 @@ def joint_intervals(
         for j in range(n):
             path = 0.0
             for m in range(first, final + 1):
-                path = max(path, _fourth_rate(bounds[m, 1, j], bounds[m, 2, j], bounds[m, 3, j], rates))
+                path = max(path, _fourth_rate(orders[m, 1, j], orders[m, 2, j], orders[m, 3, j], rates))
             e0 = at.joints[a0, 0, j] - at.path_joints[a0, 0, j]
             e1 = at.joints[a1, 0, j] - at.path_joints[a1, 0, j]
             a = e0 + third * (at.joints[a0, 1, j] - v0 * at.path_joints[a0, 1, j])
@@ -474,13 +474,13 @@ def _compare_ends(
 def _compare(side: Instants, along: PathPositions, asked: Asked) -> tuple[ComparedInstants, Array]:
     """Return a motion compared with positions along its path, and the distances and angles (k, 2) to them."""
     error, off = np.empty((side.t.size, 3, 12)), np.empty((side.t.size, 2))
-    compare(side.poses, side.motion, along.poses, along.twist, error, off)
+    compare(side.poses, side.twists, along.poses, along.twist, error, off)
     if asked != "pose":
         error[:, :, 3:], off[:, 1] = 0.0, 0.0
     if asked == "axis":
         # √2 times the difference of the axes z: its norm is that of E − I for a turn by the same angle
         z, path_z = side.poses[:, :3, 2], along.poses[:, :3, 2]
-        rates = z - path_z, np.cross(side.motion[:, 0, 3:], z), -np.cross(along.twist[:, 3:], path_z)
+        rates = z - path_z, np.cross(side.twists[:, 0, 3:], z), -np.cross(along.twist[:, 3:], path_z)
         error[:, :, 3:6] = np.sqrt(2.0) * np.stack(rates, axis=1)
         off[:, 1] = 2.0 * np.arcsin(np.minimum(0.5 * np.linalg.norm(rates[0], axis=1), 1.0))
     return ComparedInstants(side.t, side.joints, along.s, along.speed, along.path_joints, error), off
@@ -494,7 +494,7 @@ class _Errors:
 
     def __init__(self, bounds: MotionBounds, path: Path, nearest: Nearest, floor: Array, most: Array | None) -> None:
         self._bounds, self._nearest, self._floor = bounds, nearest, floor
-        self._end, self._limits, self._joint_bounds = path.end, PieceBounds.of(path), most
+        self._end, self._path_bounds, self._joint_bounds = path.end, PieceBounds.of(path), most
         self.found, self.when = np.zeros(2), np.zeros(2)
         self.falls: list[Array] = []
 
@@ -535,12 +535,12 @@ class _Errors:
     def _between(self, at: ComparedInstants, left: Indices, right: Indices) -> tuple[Array, Array]:
         """Return bounds (k, 2) on both values within intervals between instants, and the backward stretches (k, 4)."""
         out, fall = np.empty((left.size, 2)), np.empty((left.size, 4))
-        arm, limits = (self._bounds.links, self._bounds.robot.prismatic), self._limits
-        intervals(arm, limits, self._end, at, (left, right), out, fall)
+        arm, bounds = (self._bounds.links, self._bounds.robot.prismatic), self._path_bounds
+        intervals(arm, bounds, self._end, at, (left, right), out, fall)
         if self._nearest.asked == "point":
             out[:, 1] = 0.0
         if self._joint_bounds is not None:
-            joint_intervals(arm, (limits.breaks, self._joint_bounds), self._end, at, (left, right), out)
+            joint_intervals(arm, (bounds.breaks, self._joint_bounds), self._end, at, (left, right), out)
         return out, fall
 
     @property

@@ -280,7 +280,7 @@ class Nearest:
 
     def track(self, instants: Instants) -> tuple[Array, Array, Array]:
         """Return the points (k, d) of a motion for the choice of its first instants, their velocities and accelerations."""
-        return instants.poses[:, :3, 3], instants.motion[:, 0, :3], instants.motion[:, 1, :3]
+        return instants.poses[:, :3, 3], instants.twists[:, 0, :3], instants.twists[:, 1, :3]
 
     def places(self, instants: Instants, guess: Array) -> PathPositions:
         """Return the positions along the path that are nearest to a motion, near a guess."""
@@ -327,7 +327,7 @@ class Nearest:
 
     def _target(self, instants: Instants) -> tuple[Array, ...]:
         """Return the arrays (k, ...) of a motion that are compared with the path."""
-        return instants.poses, instants.motion
+        return instants.poses, instants.twists
 
     def _frames(self, s: Array) -> tuple[Array, Array]:
         """Return the points of the path at s, and their derivatives."""
@@ -335,17 +335,17 @@ class Nearest:
 
     def _compare(self, target: tuple[Array, ...], s: Array) -> PathComparison:
         """Compare a motion with the path at s (k,)."""
-        (tool, motion), (poses, twist) = target, self._frames(s)
+        (tool, twists), (poses, twist) = target, self._frames(s)
         found = np.empty((4, s.size))
-        _step(tool, motion, poses, twist, (self._still, self._turn), found)
+        _step(tool, twists, poses, twist, (self._still, self._turn), found)
         return PathComparison(s.copy(), found[0], found[1], found[2], found[3], poses, twist)
 
     def _misfit(self, target: tuple[Array, ...], poses: Array, twist: Array) -> Array:
         """Return squared distances (k,) of position, rotation, and backward motion in `BACK_TIME`."""
-        tool, motion = target
+        tool, twists = target
         weight = np.array([1.0, 1.0, 1.0, CHORD_TURN, CHORD_TURN, CHORD_TURN])
         off = embed_poses(tool, CHORD_TURN) - embed_poses(poses, CHORD_TURN)
-        return _add_backward_motion(off, twist * weight, motion[:, 0] * weight)
+        return _add_backward_motion(off, twist * weight, twists[:, 0] * weight)
 
     def _positions(self, found: PathComparison) -> PathPositions:
         """Return the positions along the path, with the path's poses and twists there."""
@@ -364,7 +364,7 @@ class NearestPoint(Nearest):
         return positions_along(self._path, self._target(instants)[0], BEND)
 
     def _target(self, instants: Instants) -> tuple[Array, ...]:
-        return tuple(without_rotation(x, np.eye(3)) for x in (instants.poses, instants.motion))
+        return tuple(without_rotation(x, np.eye(3)) for x in (instants.poses, instants.twists))
 
     def _positions(self, found: PathComparison) -> PathPositions:
         poses, twist = self._asking.frames(found.s)
@@ -449,7 +449,7 @@ def _add_backward_motion(off: Array, tangents: Array, rate: Array) -> Array:
 
 
 @compiled
-def _step(tool: Array, motion: Array, poses: Array, twist: Array, how: tuple[float, float], out: Array) -> None:
+def _step(tool: Array, twists: Array, poses: Array, twist: Array, how: tuple[float, float], out: Array) -> None:
     """Compute squared distances, Newton steps, speeds and rates of `PathComparison` (4, k) for a tool and its path.
 
     `how` is the least squared rate of the path, and the distance [m] as which a rotation of 1 rad counts.
@@ -470,7 +470,7 @@ def _step(tool: Array, motion: Array, poses: Array, twist: Array, how: tuple[flo
             w = twist[k, i]
             size += weight * w * w
             along += weight * w * e[i]
-            going += weight * w * motion[k, 0, i]
+            going += weight * w * twists[k, 0, i]
             off += weight * e[i] * e[i]
             rate += w * w * (1.0 if i < 3 else CHORD_TURN * CHORD_TURN)
         out[0, k], out[1, k], out[2, k], out[3, k] = off, along / size, going / size, np.sqrt(rate)

@@ -82,17 +82,17 @@ def fourth_bounds(arm: Sizes, D: Array, still: bool, work: Array, out: Array) ->
     """
     lengths, prismatic, mass, com, half, viscous, gravity = arm
     n = mass.shape[0]
-    B, P, motion = work[0], work[1], 0.0 if still else 1.0
+    B, P, moving = work[0], work[1], 0.0 if still else 1.0
     link_bounds(lengths, prismatic, D, B, P)
     for i in range(n):
-        out[i] = motion * viscous[i] * D[5, i]
+        out[i] = moving * viscous[i] * D[5, i]
     A, V = np.empty(5), np.empty(5)
     for link in range(n):
         b, p = B[link + 1], P[link + 1]
         spin = 0.0
         for m in range(5):
-            A[m] = motion * mass[link] * (p[m + 2] + com[link] * b[m + 2])
-            spin += motion * BINOMIAL[4, m] * b[m] * b[6 - m]
+            A[m] = moving * mass[link] * (p[m + 2] + com[link] * b[m + 2])
+            spin += moving * BINOMIAL[4, m] * b[m] * b[6 - m]
         A[0] += mass[link] * gravity
         for i in range(link + 1):
             for m in range(5):
@@ -241,21 +241,21 @@ class TorqueBounds:
         self._kept: dict[tuple[bool, bytes], TorqueRatios] = {}
 
     def bound_ratios(
-        self, bound: Array, *, rate: bool, excess: float = TORQUE_EXCESS, most: int = TORQUE_INTERVALS
+        self, limit: Array, *, rate: bool, excess: float = TORQUE_EXCESS, most: int = TORQUE_INTERVALS
     ) -> TorqueRatios:
         """Return bounds on the ratios of the torques, or of their rates, to their limits; results are cached."""
-        key = (rate, np.array([*np.ravel(bound), excess, most]).tobytes())
+        key = (rate, np.array([*np.ravel(limit), excess, most]).tobytes())
         if key not in self._kept:
             each = [
-                _bound_load(model, ends, bound, (rate, excess, most))
+                _bound_load(model, ends, limit, (rate, excess, most))
                 for model, ends in zip(self.models, self.ends, strict=True)
             ]
             self._kept[key] = each[0] if len(each) == 1 else _select_worse(*each)
         return self._kept[key]
 
-    def piece_ratios(self, bound: Array, *, rate: bool) -> Array:
+    def piece_ratios(self, limit: Array, *, rate: bool) -> Array:
         """Return the ratios of joint torques, or of their rates, to the limits: on each piece the larger end value."""
-        lower, upper = bound
+        lower, upper = limit
         worst = np.zeros((len(self.ends[0].t0), upper.size))
         for model, ends in zip(self.models, self.ends, strict=True):
             for joints, values in ((ends.first, ends.left), (ends.last, ends.right)):
@@ -270,10 +270,10 @@ def _select_worse(a: TorqueRatios, b: TorqueRatios) -> TorqueRatios:
     return TorqueRatios(*(np.where(first, x, y) for x, y in zip(a, b, strict=True)))
 
 
-def _bound_load(model: Model, ends: TorqueEnds, bound: Array, how: tuple[bool, float, int]) -> TorqueRatios:
+def _bound_load(model: Model, ends: TorqueEnds, limit: Array, how: tuple[bool, float, int]) -> TorqueRatios:
     """Return bounds on the torque ratios of one load; `how` is (for the rates, relative excess, greatest interval count)."""
     rate, excess, most = how
-    lower, upper = bound
+    lower, upper = limit
     limits = np.stack([-lower, upper])
     limits = np.where(np.isfinite(limits), limits, 1.0)
     n = upper.size

@@ -1,7 +1,7 @@
-"""Limits of a motion: the bound of each kind, its rows in time laws, its judgement and its key in files."""
+"""Limits of a motion: their kinds, each with its rows in time laws, its judgement and its key in files."""
 
 from planners.limits.acceleration_by_velocity import AccelerationByVelocity
-from planners.limits.base import Limit, ratio_to_limit, scale_of, sides, symmetric_bound
+from planners.limits.base import Limit, ratio_to_limit, scale_of, sides, symmetric_limit
 from planners.limits.grip import Grip
 from planners.limits.inputs import Extreme, PathPoints, ToolExtreme
 from planners.limits.kinds import (
@@ -57,7 +57,7 @@ __all__ = [
     "register",
     "scale_of",
     "sides",
-    "symmetric_bound",
+    "symmetric_limit",
     "tool_limits_at",
     "tool_limits_between",
 ]

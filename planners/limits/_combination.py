@@ -64,40 +64,40 @@ class CombinationLimit(RecordLimit):
     subject: ClassVar[str | None] = None
     record: ClassVar[Any] = Combination
 
-    def subjects(self, robot: Robot, bound: Any = None) -> tuple[str, ...]:
+    def subjects(self, robot: Robot, limit: Any = None) -> tuple[str, ...]:
         """Return the names of the combinations."""
-        return robot.joint_names if bound is None else bound.names
+        return robot.joint_names if limit is None else limit.names
 
-    def check_robot(self, robot: Robot, bound: Combination) -> None:
+    def check_robot(self, robot: Robot, limit: Combination) -> None:
         """Raise InvalidInput for a matrix of another number of joints."""
-        if len(bound.matrix[0]) != robot.n:
+        if len(limit.matrix[0]) != robot.n:
             raise InvalidInput(
-                self.name, f"rows of {len(bound.matrix[0])} numbers", f"the {robot.n} joints of {robot.name}"
+                self.name, f"rows of {len(limit.matrix[0])} numbers", f"the {robot.n} joints of {robot.name}"
             )
 
-    def rows(self, at: PathPoints, bound: Combination) -> Array:
+    def rows(self, at: PathPoints, limit: Combination) -> Array:
         """Return the rows at points of a joint path."""
-        E = np.array(bound.matrix)
+        E = np.array(limit.matrix)
         rows = chain_rows([at.q(order) @ E.T for order in range(1, self.order + 1)])
-        return np.asarray(rows / np.array(bound.bound)[:, None])
+        return np.asarray(rows / np.array(limit.bound)[:, None])
 
     @staticmethod
-    def _mapped(motion: LimitedMotion, bound: Combination) -> Trajectory:
+    def _mapped(motion: LimitedMotion, limit: Combination) -> Trajectory:
         """Return the motion of the combinations."""
-        return map_joints(motion.trajectory, np.array(bound.matrix))
+        return map_joints(motion.trajectory, np.array(limit.matrix))
 
-    def piece_ratios(self, motion: LimitedMotion, bound: Combination) -> Array:
+    def piece_ratios(self, motion: LimitedMotion, limit: Combination) -> Array:
         """Return the ratios on each piece of a motion."""
-        return np.asarray(self._mapped(motion, bound).piece_worst(self.order) / np.array(bound.bound))
+        return np.asarray(self._mapped(motion, limit).piece_worst(self.order) / np.array(limit.bound))
 
-    def judge(self, motion: LimitedMotion, bound: Combination) -> Extreme:
+    def judge(self, motion: LimitedMotion, limit: Combination) -> Extreme:
         """Return the exact peak values, their ratios and their times."""
-        found, limits = self._mapped(motion, bound).extrema(self.order), np.array(bound.bound)
+        found, limits = self._mapped(motion, limit).extrema(self.order), np.array(limit.bound)
         ratio = np.where(np.isfinite(limits), found.worst / limits, np.nan)
         if motion.jumps[: self.order].any():
             ratio = np.where(np.isfinite(limits), np.inf, np.nan)
         return Extreme(found.worst, ratio, found.t_worst)
 
     def scaled(self, value: Combination, factor: float) -> Combination:
-        """Return the record with its bounds multiplied by a factor."""
+        """Return the record with its limits multiplied by a factor."""
         return replace(value, bound=tuple(factor * x for x in value.bound))

@@ -49,19 +49,19 @@ class SpecificForceLimit(SampledLimit):
 
     # ------------------------------------------------------------ what a member defines
 
-    @abstractmethod
-    def axis(self, bound: Any) -> Array:
+    def axis(self, limit: Any) -> Array:
         """Return the axis (3,) of the cone in the tool's frame."""
+        return np.asarray(limit.axis)
 
     @abstractmethod
-    def faces(self, bound: Any, mass: float, around: Array) -> tuple[Array, Array]:
+    def faces(self, limit: Any, mass: float, around: Array) -> tuple[Array, Array]:
         """Return E (k, m, 3) and b (m,) of E f ≤ b, from unit vectors (k, FACES, 3) across the axis."""
 
     @abstractmethod
-    def measure(self, bound: Any, mass: float, f: Array, off: Array | float = 0.0) -> Array:
+    def measure(self, limit: Any, mass: float, f: Array, off: Array | float = 0.0) -> Array:
         """Return the ratio (k,) to the limit of specific forces (k, 3), or a bound on those within `off` (k,) of them."""
 
-    def value(self, bound: Any) -> float:
+    def value(self, limit: Any) -> float:
         """Return the limited value at a ratio of 1."""
         return 1.0
 
@@ -69,62 +69,62 @@ class SpecificForceLimit(SampledLimit):
 
     # ------------------------------------------------------------ the object
 
-    def check_robot(self, robot: Robot, bound: Any) -> None:
+    def check_robot(self, robot: Robot, limit: Any) -> None:
         """Raise InvalidInput without gravity, or without the object's mass where the limit depends on it."""
         if not robot.gravity_magnitude > 0.0:
             raise InvalidInput(self.name, f"{robot.name} without gravity", "an arm with gravity")
-        if self.needs_mass and bound.mass is None and robot.payload is None:
+        if self.needs_mass and limit.mass is None and robot.payload is None:
             raise InvalidInput(self.name, "no mass", f"mass [kg], or a payload of {robot.name}")
 
     @staticmethod
-    def _object(robot: Robot, bound: Any) -> tuple[float, Array]:
+    def _object(robot: Robot, limit: Any) -> tuple[float, Array]:
         """Return the object's mass, the heaviest of an interval, and its centre of mass in the tool's frame."""
-        payload, mass = robot.payload, getattr(bound, "mass", None)
-        com = bound.com if bound.com is not None else (0.0, 0.0, 0.0) if payload is None else payload.com
+        payload, mass = robot.payload, getattr(limit, "mass", None)
+        com = limit.com if limit.com is not None else (0.0, 0.0, 0.0) if payload is None else payload.com
         return float(mass if mass is not None else 1.0 if payload is None else payload.masses[-1]), np.asarray(com)
 
-    def _chain(self, robot: Robot, bound: Any) -> Any:
+    def _chain(self, robot: Robot, limit: Any) -> Any:
         """Return the kinematics of the object's centre of mass."""
         tool = robot.tool.copy()
-        tool[:3, 3] += tool[:3, :3] @ self._object(robot, bound)[1]
+        tool[:3, 3] += tool[:3, :3] @ self._object(robot, limit)[1]
         return (*robot.chain[:2], tool, *robot.chain[3:])
 
-    def _move(self, robot: Robot, bound: Any, q: Array, dq: Array) -> tuple[Array, Array, Array]:
+    def _move(self, robot: Robot, limit: Any, q: Array, dq: Array) -> tuple[Array, Array, Array]:
         """Return Rᵀ g, R (k, 3, 3) and the twist of the centre of mass with two derivatives (k, 3, 6)."""
-        chain, q = self._chain(robot, bound), np.ascontiguousarray(q)
+        chain, q = self._chain(robot, limit), np.ascontiguousarray(q)
         poses, motion = np.empty((len(q), 4, 4)), np.empty((len(q), 3, 6))
         kinematics.fk_batch(chain, q, poses)
         kinematics.tool_motion_batch(chain, q, np.ascontiguousarray(dq), motion)
         R = poses[:, :3, :3]
         return _turn_back(R, np.broadcast_to(_gravity(robot), (len(q), 3))), R, motion
 
-    def _force(self, robot: Robot, bound: Any, joints: Array) -> tuple[Array, Array, Array]:
+    def _force(self, robot: Robot, limit: Any, joints: Array) -> tuple[Array, Array, Array]:
         """Return Rᵀ g, f and ḟ (k, 3) at states (k, 6, n)."""
-        still, R, motion = self._move(robot, bound, joints[:, 0], joints[:, 1:4])
+        still, R, motion = self._move(robot, limit, joints[:, 0], joints[:, 1:4])
         apparent = _gravity(robot) - motion[:, 1, :3]
         rate = -motion[:, 2, :3] - np.cross(motion[:, 0, 3:], apparent)
         return still, _turn_back(R, apparent), _turn_back(R, rate)
 
-    def _sample(self, motion: LimitedMotion, bound: Any) -> tuple[Array, Array]:
+    def _sample(self, motion: LimitedMotion, limit: Any) -> tuple[Array, Array]:
         """Return Rᵀ g and f (m, k, 3) at sampled instants."""
         states, t = motion.states(PLACES)
-        still, f, _ = self._force(motion.robot, bound, states.reshape(-1, *states.shape[2:]))
+        still, f, _ = self._force(motion.robot, limit, states.reshape(-1, *states.shape[2:]))
         return still.reshape(*t.shape, 3), f.reshape(*t.shape, 3)
 
-    def sample_ratios(self, motion: LimitedMotion, bound: Any, c: float = 1.0) -> Array:
+    def sample_ratios(self, motion: LimitedMotion, limit: Any, c: float = 1.0) -> Array:
         """Return the ratios (m, k, 1) of a motion stretched by c at sampled instants."""
-        still, f = self._sample(motion, bound)
+        still, f = self._sample(motion, limit)
         given = (still + (f - still) / c**2).reshape(-1, 3)
-        return self.measure(bound, self._object(motion.robot, bound)[0], given).reshape(*f.shape[:-1], 1)
+        return self.measure(limit, self._object(motion.robot, limit)[0], given).reshape(*f.shape[:-1], 1)
 
     # ------------------------------------------------------------ Limit
 
-    def rows(self, at: PathPoints, bound: Any) -> Array:
+    def rows(self, at: PathPoints, limit: Any) -> Array:
         """Return the rows at points of a joint path."""
         robot, q1, q2 = at.joint_path.robot, at.q(1), at.q(2)
-        still, R, motion = self._move(robot, bound, at.q(0), np.stack([q1, q2, np.zeros_like(q1)], axis=1))
+        still, R, motion = self._move(robot, limit, at.q(0), np.stack([q1, q2, np.zeros_like(q1)], axis=1))
         linear, square = -_turn_back(R, motion[:, 0, :3]), -_turn_back(R, motion[:, 1, :3])
-        n = self.axis(bound)
+        n = self.axis(limit)
         x = np.cross(n, np.eye(3)[np.abs(n).argmin()])
         x /= np.linalg.norm(x)
         y = np.cross(n, x)
@@ -132,27 +132,27 @@ class SpecificForceLimit(SampledLimit):
         towards = np.where(loaded[:, None], still, linear)
         turned = np.arctan2(towards @ y, towards @ x)[:, None] + np.where(loaded[:, None], NEAR_LOAD, EVENLY)
         around = np.cos(turned)[..., None] * x + np.sin(turned)[..., None] * y
-        E, b = self.faces(bound, self._object(robot, bound)[0], around)
+        E, b = self.faces(limit, self._object(robot, limit)[0], around)
         out = np.zeros((len(still), E.shape[1], 4))  # (2 E f − b + w) / (b + w) in [−1, 1]: E f between −w and b
         for column, part in ((0, linear), (1, square), (3, still)):
             out[..., column] = 2.0 * np.einsum("kmi,ki->km", E, part) / (b + FAR_SIDE)
         out[..., 3] += (FAR_SIDE - b) / (b + FAR_SIDE)
         return out
 
-    def excess(self, motion: LimitedMotion, bound: Any) -> Array:
+    def excess(self, motion: LimitedMotion, limit: Any) -> Array:
         """Return the dynamic share of the exact cone, the same for all rows."""
-        return np.repeat(super().excess(motion, bound), self.faces(bound, 1.0, np.zeros((1, FACES, 3)))[1].size, axis=1)
+        return np.repeat(super().excess(motion, limit), self.faces(limit, 1.0, np.zeros((1, FACES, 3)))[1].size, axis=1)
 
-    def judge(self, motion: LimitedMotion, bound: Any) -> ToolExtreme:
+    def judge(self, motion: LimitedMotion, limit: Any) -> ToolExtreme:
         """Return the proved peak value, its ratio and its time."""
         robot = motion.robot.axes
-        mass, com = self._object(robot, bound)
+        mass, com = self._object(robot, limit)
         away = float(np.linalg.norm(robot.tool[:3, 3] + robot.tool[:3, :3] @ com))
         g = robot.gravity_magnitude
 
         def evaluate(joints: Array) -> Array:
-            _, f, rate = self._force(robot, bound, joints)
-            return np.concatenate([self.measure(bound, mass, f)[:, None], f, rate], axis=1)
+            _, f, rate = self._force(robot, limit, joints)
+            return np.concatenate([self.measure(limit, mass, f)[:, None], f, rate], axis=1)
 
         def enclose(first: Array, last: Array, h: Array, B: Array, P: Array) -> Array:
             B = B[:, -1]
@@ -171,29 +171,29 @@ class SpecificForceLimit(SampledLimit):
                 last[:, 1:4] - third * last[:, 4:],
                 last[:, 1:4],
             )
-            return np.asarray(np.max([self.measure(bound, mass, point, off) for point in points], axis=0))
+            return np.asarray(np.max([self.measure(limit, mass, point, off) for point in points], axis=0))
 
-        ratio, time = motion.prove_peak((self.name, bound), evaluate, enclose, PROOF_EXCESS)
+        ratio, time = motion.prove_peak((self.name, limit), evaluate, enclose, PROOF_EXCESS)
         if motion.jumps[:2].any():
             ratio = np.inf
-        return ToolExtreme(ratio * self.value(bound), ratio, time)
+        return ToolExtreme(ratio * self.value(limit), ratio, time)
 
-    def check_still(self, joint_path: LimitedPath, bound: Any) -> None:
+    def check_still(self, joint_path: LimitedPath, limit: Any) -> None:
         """Refuse a path on which the object is not held at rest."""
         robot, s = joint_path.robot, np.linspace(0.0, joint_path.end, 257)
         q = joint_path(s)
-        still, _, _ = self._move(robot, bound, q, np.zeros((len(q), 3, robot.n)))
-        ratio = self.measure(bound, self._object(robot, bound)[0], still)
+        still, _, _ = self._move(robot, limit, q, np.zeros((len(q), 3, robot.n)))
+        ratio = self.measure(limit, self._object(robot, limit)[0], still)
         k = int(ratio.argmax())
         if ratio[k] >= 1.0:
-            words = f"{self.describe(bound, float(ratio[k]))} at rest at s = {s[k]:.6g}"
+            words = f"{self.describe(limit, float(ratio[k]))} at rest at s = {s[k]:.6g}"
             raise NoSolution(
                 words,
                 s=float(s[k]),
                 advice="another path, another axis of the object in the tool's frame, or a higher limit",
             )
 
-    def describe(self, bound: Any, ratio: float) -> str:
+    def describe(self, limit: Any, ratio: float) -> str:
         """Return a sentence about a ratio."""
         return f"the {self.name.replace('_', ' ')} needs {ratio:.4g} times its limit"
 
@@ -221,31 +221,27 @@ class TiltLimit(SpecificForceLimit):
     units: ClassVar[tuple[str, str]] = ("rad", "rad")
     needs_mass: ClassVar[bool] = False
 
-    def value(self, bound: Any) -> float:
+    def value(self, limit: Any) -> float:
         """Return the greatest angle [rad]."""
-        return float(bound.largest_angle)
+        return float(limit.largest_angle)
 
-    def axis(self, bound: Any) -> Array:
-        """Return the axis that points up."""
-        return np.asarray(bound.axis)
-
-    def faces(self, bound: Any, mass: float, around: Array) -> tuple[Array, Array]:
+    def faces(self, limit: Any, mass: float, around: Array) -> tuple[Array, Array]:
         """Return the faces (x cos φ + y sin φ + n tan θ) f ≤ 0, over tan θ."""
-        E = around / np.tan(self.value(bound)) + self.axis(bound)
+        E = around / np.tan(self.value(limit)) + self.axis(limit)
         return E, np.zeros(E.shape[1])
 
-    def measure(self, bound: Any, mass: float, f: Array, off: Array | float = 0.0) -> Array:
+    def measure(self, limit: Any, mass: float, f: Array, off: Array | float = 0.0) -> Array:
         """Return the angle over the greatest one; a ball of radius `off` seen from 0 adds asin(off / |f|)."""
-        along, across = split_by_axis(f, self.axis(bound))
+        along, across = split_by_axis(f, self.axis(limit))
         size = np.maximum(np.hypot(along, across), 1e-300)
         angle = np.arctan2(across, -along) + np.arcsin(np.minimum(off / size, 1.0))
-        return np.asarray(angle / self.value(bound))
+        return np.asarray(angle / self.value(limit))
 
     def scaled(self, value: Any, factor: float) -> Any:
         """Return the record with its angle multiplied by a factor."""
         return value.scaled(factor)
 
-    def describe(self, bound: Any, ratio: float) -> str:
+    def describe(self, limit: Any, ratio: float) -> str:
         """Return a sentence about a ratio."""
-        angle, most = np.degrees([ratio * self.value(bound), self.value(bound)])
+        angle, most = np.degrees([ratio * self.value(limit), self.value(limit)])
         return f"the {self.name.replace('_', ' ')} is tilted by {angle:.4g}°, more than its {most:.4g}°,"

@@ -71,29 +71,29 @@ class AccelerationByVelocityLimit(SampledLimit):
     homogeneous: ClassVar[bool] = False
     record: ClassVar[Any] = AccelerationByVelocity
 
-    def check_robot(self, robot: Robot, bound: AccelerationByVelocity) -> None:
+    def check_robot(self, robot: Robot, limit: AccelerationByVelocity) -> None:
         """Raise InvalidInput without a free speed or velocity limits, or for another number of joints."""
-        if bound.free_speed is None and robot.limits.velocity is None:
+        if limit.free_speed is None and robot.limits.velocity is None:
             expected = f"free_speed: {robot.name} has no velocity limits"
             raise InvalidInput(self.name, "no free_speed", expected)
-        for values in (bound.acceleration, bound.deceleration, bound.free_speed):
+        for values in (limit.acceleration, limit.deceleration, limit.free_speed):
             if values is not None and np.size(values) not in (1, robot.n):
                 raise InvalidInput(self.name, f"{np.size(values)} numbers", f"one number, or {robot.n} of them")
 
     @staticmethod
-    def _numbers(robot: Robot, bound: AccelerationByVelocity) -> tuple[Array, Array, Array]:
+    def _numbers(robot: Robot, limit: AccelerationByVelocity) -> tuple[Array, Array, Array]:
         """Return A, D and β (n,)."""
-        speed = robot.limits.velocity if bound.free_speed is None else bound.free_speed
-        braking = bound.acceleration if bound.deceleration is None else bound.deceleration
+        speed = robot.limits.velocity if limit.free_speed is None else limit.free_speed
+        braking = limit.acceleration if limit.deceleration is None else limit.deceleration
         given = (
-            np.broadcast_to(np.asarray(x, dtype=np.float64), (robot.n,)) for x in (bound.acceleration, braking, speed)
+            np.broadcast_to(np.asarray(x, dtype=np.float64), (robot.n,)) for x in (limit.acceleration, braking, speed)
         )
         A, D, v0 = next(given).clip(max=FREE), next(given).clip(max=FREE), next(given)
         return A, D, np.where(A < FREE, A / v0, 0.0)
 
-    def rows(self, at: PathPoints, bound: AccelerationByVelocity) -> Array:
+    def rows(self, at: PathPoints, limit: AccelerationByVelocity) -> Array:
         """Return the rows at points of a joint path; a joint that reverses nearby has the rows of both directions."""
-        A, D, beta = self._numbers(at.joint_path.robot, bound)
+        A, D, beta = self._numbers(at.joint_path.robot, limit)
         q1, q2 = at.q(1), at.q(2)
         sign = np.where(q1 < 0.0, -1.0, 1.0)
         out = np.zeros((*q1.shape, 3, 4))
@@ -112,14 +112,14 @@ class AccelerationByVelocityLimit(SampledLimit):
         v = states[:, :, 1]
         return np.where(v < 0.0, -1.0, 1.0) * states[:, :, 2], np.abs(v), t
 
-    def sample_ratios(self, motion: LimitedMotion, bound: AccelerationByVelocity, c: float = 1.0) -> Array:
+    def sample_ratios(self, motion: LimitedMotion, limit: AccelerationByVelocity, c: float = 1.0) -> Array:
         """Return the ratios (m, k, n) of a motion stretched by c at sampled instants."""
-        (A, D, beta), (y, w, _) = self._numbers(motion.robot, bound), self._parts(motion)
+        (A, D, beta), (y, w, _) = self._numbers(motion.robot, limit), self._parts(motion)
         return np.asarray(np.maximum((y / c**2 + beta * w / c) / A, -y / c**2 / D))
 
-    def excess(self, motion: LimitedMotion, bound: AccelerationByVelocity) -> Array:
+    def excess(self, motion: LimitedMotion, limit: AccelerationByVelocity) -> Array:
         """Return the dynamic share of each row."""
-        (A, D, beta), (y, w, _) = self._numbers(motion.robot, bound), self._parts(motion)
+        (A, D, beta), (y, w, _) = self._numbers(motion.robot, limit), self._parts(motion)
         middle, half = 0.5 * (A - D), 0.5 * (A + D)
         out = []
         for value in (y + beta * w, y, -y):
@@ -131,9 +131,9 @@ class AccelerationByVelocityLimit(SampledLimit):
         out[2] = np.where(both, out[2], 0.0)
         return np.stack(out, axis=2).reshape(y.shape[0], -1)
 
-    def judge(self, motion: LimitedMotion, bound: AccelerationByVelocity) -> Extreme:
+    def judge(self, motion: LimitedMotion, limit: AccelerationByVelocity) -> Extreme:
         """Return the exact peak ratio of each joint, with the acceleration and the time there."""
-        A, D, beta = self._numbers(motion.robot, bound)
+        A, D, beta = self._numbers(motion.robot, limit)
         divided = _divide_at_reversals(motion.trajectory)
         c, h = divided.padded[::-1], np.diff(divided.knots)
         speed, rate = (np.zeros((6, h.size, motion.robot.n)) for _ in range(2))

@@ -1,4 +1,4 @@
-"""Kinds of limits: how a bound is given and filed, the rows that it adds to a time law, and its judgement of a motion."""
+"""Kinds of limits: how a limit is given and filed, the rows that it adds to a time law, and its judgement of a motion."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ PAIR = "a pair (lower, upper), lower < 0 < upper, each a finite number or one fo
 
 
 def is_pair(value: Any) -> bool:
-    """Return whether a bound is a pair (lower, upper), and not one number for each of two joints."""
+    """Return whether a limit is a pair (lower, upper), and not one number for each of two joints."""
     several = (list, tuple, np.ndarray)
     if not isinstance(value, several) or (isinstance(value, np.ndarray) and value.ndim == 0) or len(value) != 2:
         return False
@@ -48,9 +48,9 @@ def check_pair(value: Any, argument: str) -> Array | float:
     return freeze(np.stack([lower, upper]), argument)
 
 
-def sides(bound: Array) -> tuple[Array, Array]:
-    """Return the lower and the upper side of a bound."""
-    return (-bound, bound) if bound.ndim == 1 else (bound[0], bound[1])
+def sides(limit: Array) -> tuple[Array, Array]:
+    """Return the lower and the upper side of a limit."""
+    return (-limit, limit) if limit.ndim == 1 else (limit[0], limit[1])
 
 
 def middle_and_half(lower: Array, upper: Array) -> tuple[Array, Array]:
@@ -60,16 +60,16 @@ def middle_and_half(lower: Array, upper: Array) -> tuple[Array, Array]:
     return 0.5 * (low + high), np.where(free, np.inf, 0.5 * (high - low))
 
 
-def symmetric_bound(bound: Array) -> Array:
-    """Return the largest symmetric bound that both sides allow."""
-    return bound if bound.ndim == 1 else np.minimum(-bound[0], bound[1])
+def symmetric_limit(limit: Array) -> Array:
+    """Return the largest symmetric limit that both sides allow."""
+    return limit if limit.ndim == 1 else np.minimum(-limit[0], limit[1])
 
 
-def ratio_to_limit(values: Array, bound: Array) -> Array:
-    """Return the ratios of values to the bound on their side."""
-    if bound.ndim == 1:
-        return np.asarray(np.abs(values) / bound)
-    return np.asarray(values / np.where(values < 0.0, bound[0], bound[1]))
+def ratio_to_limit(values: Array, limit: Array) -> Array:
+    """Return the ratios of values to the limit on their side."""
+    if limit.ndim == 1:
+        return np.asarray(np.abs(values) / limit)
+    return np.asarray(values / np.where(values < 0.0, limit[0], limit[1]))
 
 
 class Limit(ABC):
@@ -79,20 +79,20 @@ class Limit(ABC):
     with `planners.limits.register`. The file's stem is its ``name``: its key in motion files, in
     ``MotionLimits(extra=...)``, in `TimeLaw.enforced` and in certificates.
 
-    A bound with several numbers of different meaning is a frozen record; `RecordLimit` is the base of its kind.
+    A limit with several numbers of different meaning is a frozen record; `RecordLimit` is the base of its kind.
 
     Attributes
     ----------
     name : str
         The key.
     units : tuple of str
-        Unit of the bound for revolute and for prismatic joints; a limit of the whole arm repeats its one unit.
+        Unit of the limit for revolute and for prismatic joints; a limit of the whole arm repeats its one unit.
     order : int
         Power of the time scale: a motion stretched by c has 1 / c**order of the value. Also the order of its rows.
     subject : str or None
-        Part that the one bound of the whole arm limits, such as ``"tool"``; None for a bound on every joint.
+        Part that the one limit of the whole arm is on, such as ``"tool"``; None for a limit on every joint.
     sided : bool
-        Whether the bound may be a pair (lower, upper). If so, all methods also take a bound of shape (2, n), lower first.
+        Whether the limit may be a pair (lower, upper). If so, all methods also take a limit of shape (2, n), lower first.
     homogeneous : bool
         Whether the whole value scales with time; False for the torque, which includes gravity.
     on_goods : bool
@@ -107,20 +107,20 @@ class Limit(ABC):
     homogeneous: ClassVar[bool] = True
     on_goods: ClassVar[bool] = False
 
-    # ------------------------------------------------------------ the bound, as given and in files
+    # ------------------------------------------------------------ the limit, as given and in files
 
     def check(self, value: Any) -> Any:
-        """Return a bound as `MotionLimits` stores it: a float, or a read-only array.
+        """Return a limit as `MotionLimits` stores it: a float, or a read-only array.
 
         Parameters
         ----------
         value : scalar or (n,) array, or a pair of them
-            The bound [as `units`]; a scalar for a limit of the whole arm.
+            The limit [as `units`]; a scalar for a limit of the whole arm.
 
         Returns
         -------
         float, (n,), (2,) or (2, n) array
-            The bound [as `units`]; the last two for a pair, lower first.
+            The limit [as `units`]; the last two for a pair, lower first.
 
         Raises
         ------
@@ -138,7 +138,7 @@ class Limit(ABC):
         return kept if np.ndim(value) else float(kept[0])
 
     def array(self, value: ArrayLike | None, n: int) -> Array:
-        """Return a bound as an array, one entry for each subject.
+        """Return a limit as an array, one entry for each subject.
 
         Parameters
         ----------
@@ -165,7 +165,7 @@ class Limit(ABC):
         return check_positive(np.inf if value is None else value, 1 if self.subject is not None else n, self.name)
 
     def to_plain(self, value: ArrayLike | None) -> Any:
-        """Return a bound as plain data for files, which `from_plain` reads back to the last bit.
+        """Return a limit as plain data for files, which `from_plain` reads back to the last bit.
 
         Parameters
         ----------
@@ -180,7 +180,7 @@ class Limit(ABC):
         return None if value is None else numbers_to_list(value)
 
     def from_plain(self, data: Any, n: int) -> Array | float | None:
-        """Return the bound from the data of `to_plain`.
+        """Return the limit from the data of `to_plain`.
 
         Parameters
         ----------
@@ -192,12 +192,12 @@ class Limit(ABC):
         Returns
         -------
         float, (n,), (2,) or (2, n) array, or None
-            The bound [as `units`]; a pair is two lists of numbers, or two numbers with the first negative.
+            The limit [as `units`]; a pair is two lists of numbers, or two numbers with the first negative.
 
         Raises
         ------
         InvalidInput
-            Data that are not a bound.
+            Data that are not a limit.
         """
         if data is None:
             return None
@@ -209,7 +209,7 @@ class Limit(ABC):
         return float(read_numbers(data, (), where))
 
     def scaled(self, value: Any, factor: float) -> Any:
-        """Return a bound multiplied by a factor.
+        """Return a limit multiplied by a factor.
 
         Parameters
         ----------
@@ -221,46 +221,46 @@ class Limit(ABC):
         Returns
         -------
         float, array or record
-            The scaled bound [as `units`].
+            The scaled limit [as `units`].
         """
         return factor * np.asarray(value) if np.ndim(value) else factor * float(value)
 
     # ------------------------------------------------------------ what it needs
 
-    def is_given(self, bound: Any) -> bool:
-        """Return whether a bound limits anything.
+    def is_given(self, limit: Any) -> bool:
+        """Return whether a limit is finite anywhere.
 
         Parameters
         ----------
-        bound : array or record
+        limit : array or record
             Result of `array` [as `units`].
 
         Returns
         -------
         bool
         """
-        return bool(np.isfinite(bound).any())
+        return bool(np.isfinite(limit).any())
 
-    def check_robot(self, robot: Robot, bound: Any) -> None:
+    def check_robot(self, robot: Robot, limit: Any) -> None:
         """Raise InvalidInput for an arm without what the limit needs, such as its shapes.
 
         Parameters
         ----------
         robot : Robot
             The arm.
-        bound : array or record
+        limit : array or record
             Result of `array` [as `units`].
         """
         return
 
-    def check_still(self, joint_path: LimitedPath, bound: Any) -> None:
+    def check_still(self, joint_path: LimitedPath, limit: Any) -> None:
         """Raise NoSolution for a joint path on which the limit is exceeded however slowly the arm moves.
 
         Parameters
         ----------
         joint_path : LimitedPath
             The joint path.
-        bound : array or record
+        limit : array or record
             Result of `array` [as `units`].
         """
         return
@@ -268,14 +268,14 @@ class Limit(ABC):
     # ------------------------------------------------------------ time laws
 
     @abstractmethod
-    def rows(self, at: PathPoints, bound: Any) -> Array:
-        """Return the coefficients of the limited value over its bound, at points of a joint path.
+    def rows(self, at: PathPoints, limit: Any) -> Array:
+        """Return the coefficients of a value over its limit, at points of a joint path.
 
         Parameters
         ----------
         at : PathPoints
             Points of the joint path.
-        bound : (m,) or (2, m) array, or record
+        limit : (m,) or (2, m) array, or record
             Result of `array` [as `units`].
 
         Returns
@@ -288,14 +288,14 @@ class Limit(ABC):
 
     # ------------------------------------------------------------ judgement
 
-    def subjects(self, robot: Robot, bound: Any = None) -> tuple[str, ...]:
+    def subjects(self, robot: Robot, limit: Any = None) -> tuple[str, ...]:
         """Return the names of the limited joints, or of the limited part.
 
         Parameters
         ----------
         robot : Robot
             The arm.
-        bound : array or record, optional
+        limit : array or record, optional
             Result of `array` [as `units`].
 
         Returns
@@ -306,31 +306,31 @@ class Limit(ABC):
         return robot.joint_names if self.subject is None else (self.subject,)
 
     @abstractmethod
-    def judge(self, motion: LimitedMotion, bound: Any) -> Extreme | ToolExtreme:
+    def judge(self, motion: LimitedMotion, limit: Any) -> Extreme | ToolExtreme:
         """Return the peak value over a motion: exact or a proved bound, not the largest of samples.
 
         Parameters
         ----------
         motion : LimitedMotion
             The motion.
-        bound : (m,) or (2, m) array, or record
+        limit : (m,) or (2, m) array, or record
             Result of `array` [as `units`].
 
         Returns
         -------
         Extreme or ToolExtreme
-            The first for a bound on every joint, the second for one on the whole arm.
+            The first for a limit on every joint, the second for one on the whole arm.
         """
 
     @abstractmethod
-    def piece_ratios(self, motion: LimitedMotion, bound: Any) -> Array:
-        """Return the peak ratio to the bound on each piece of a motion, which shows the active constraint there.
+    def piece_ratios(self, motion: LimitedMotion, limit: Any) -> Array:
+        """Return the peak ratio to the limit on each piece of a motion, which shows the active constraint there.
 
         Parameters
         ----------
         motion : LimitedMotion
             The motion.
-        bound : (m,) or (2, m) array, or record
+        limit : (m,) or (2, m) array, or record
             Result of `array` [as `units`].
 
         Returns
@@ -339,7 +339,7 @@ class Limit(ABC):
             Ratios [1]; 0 where free.
         """
 
-    def excess(self, motion: LimitedMotion, bound: Any) -> Array:
+    def excess(self, motion: LimitedMotion, limit: Any) -> Array:
         """Return the factors by which the law `optimal` tightens the rows of second and third order on each piece.
 
         Without an own method they are `piece_ratios`. A limit with a static part returns the dynamic part of each row over the
@@ -349,7 +349,7 @@ class Limit(ABC):
         ----------
         motion : LimitedMotion
             The motion.
-        bound : (m,) or (2, m) array, or record
+        limit : (m,) or (2, m) array, or record
             Result of `array` [as `units`].
 
         Returns
@@ -357,9 +357,9 @@ class Limit(ABC):
         (pieces, rows) array
             Factors [1]; the row is tightened where they exceed 1.
         """
-        return self.piece_ratios(motion, bound)
+        return self.piece_ratios(motion, limit)
 
-    def stretch_factor(self, motion: LimitedMotion, bound: Any) -> float:
+    def stretch_factor(self, motion: LimitedMotion, limit: Any) -> float:
         """Return the least factor by which a motion is stretched in time to respect the limit.
 
         A limit with a part that stretching does not change (the torque of gravity) overrides this method, and returns
@@ -369,7 +369,7 @@ class Limit(ABC):
         ----------
         motion : LimitedMotion
             The motion.
-        bound : (m,) or (2, m) array, or record
+        limit : (m,) or (2, m) array, or record
             Result of `array` [as `units`].
 
         Returns
@@ -377,14 +377,14 @@ class Limit(ABC):
         float
             Below 1 if the motion can be faster; 0 if nothing limits it.
         """
-        if not self.is_given(bound):
+        if not self.is_given(limit):
             return 0.0
-        ratio = float(np.nanmax(self.judge(motion, bound).ratio))
+        ratio = float(np.nanmax(self.judge(motion, limit).ratio))
         return scale_of(ratio, self.order)
 
 
 def scale_of(ratio: float, order: int) -> float:
-    """Return the time scale at which a value proportional to 1 / scale**order is at its bound."""
+    """Return the time scale at which a value proportional to 1 / scale**order is at its limit."""
     return float(max(ratio ** (1.0 / order), np.nextafter(1.0, 2.0) if ratio > 1.0 else 0.0))
 
 

@@ -75,9 +75,9 @@ class BodySpeed(Limit):
 
     PROOF_EXCESS = 1e-4
 
-    def check_robot(self, robot: Robot, bound: Array) -> None:
+    def check_robot(self, robot: Robot, limit: Array) -> None:
         """Raise InvalidInput for an arm without shapes."""
-        if robot.shapes is None and self.is_given(bound):
+        if robot.shapes is None and self.is_given(limit):
             raise InvalidInput(
                 self.name, f"{robot.name} without shapes", "an arm with shapes: Robot.from_urdf(..., shapes=True)"
             )
@@ -91,25 +91,25 @@ class BodySpeed(Limit):
         capsule_speeds(robot.axes.chain, robot.shapes.capsules, q, dq, out)
         return out
 
-    def rows(self, at: PathPoints, bound: Array) -> Array:
+    def rows(self, at: PathPoints, limit: Array) -> Array:
         """Return the rows at points of a joint path."""
-        if not self.is_given(bound):
+        if not self.is_given(limit):
             return np.zeros((at.s.size, 1, 1))
-        return np.asarray(self._speeds(at.joint_path.robot, at.q(0), at.q(1))[..., None] / bound[0])
+        return np.asarray(self._speeds(at.joint_path.robot, at.q(0), at.q(1))[..., None] / limit[0])
 
-    def piece_ratios(self, motion: LimitedMotion, bound: Array) -> Array:
+    def piece_ratios(self, motion: LimitedMotion, limit: Array) -> Array:
         """Return the ratios on each piece of a motion, sampled."""
         states, t = motion.states(PLACES[::2])
         states = states.reshape(-1, *states.shape[2:])
         speeds = self._speeds(motion.robot, states[:, 0], states[:, 1])
-        return np.asarray(speeds.max(axis=1).reshape(t.shape).max(axis=1, keepdims=True) / bound[0])
+        return np.asarray(speeds.max(axis=1).reshape(t.shape).max(axis=1, keepdims=True) / limit[0])
 
-    def judge(self, motion: LimitedMotion, bound: Array) -> ToolExtreme:
+    def judge(self, motion: LimitedMotion, limit: Array) -> ToolExtreme:
         """Return the proved greatest speed, its ratio and its time."""
         robot = motion.robot.axes
         assert robot.shapes is not None
         link, first, second, radius = robot.shapes.capsules
-        unit = float(bound[0]) if self.is_given(bound) else 1.0
+        unit = float(limit[0]) if self.is_given(limit) else 1.0
         away = np.maximum(np.linalg.norm(first, axis=1), np.linalg.norm(second, axis=1)) + radius
 
         def evaluate(joints: Array) -> Array:
@@ -123,7 +123,7 @@ class BodySpeed(Limit):
         ratio, time = motion.prove_peak((self.name, unit), evaluate, enclose, self.PROOF_EXCESS)
         if motion.jumps[0].any():
             ratio = np.inf
-        return ToolExtreme(ratio * unit, ratio if self.is_given(bound) else np.nan, time)
+        return ToolExtreme(ratio * unit, ratio if self.is_given(limit) else np.nan, time)
 
 
 METHOD = BodySpeed

@@ -10,11 +10,38 @@ import numpy as np
 from optik.check import check_number
 from optik.types import Array
 from planners.limits._specific_force import SpecificForceLimit, split_by_axis
-from planners.limits.record import Record, check_axis, check_optional, check_vector
+from planners.limits.record import Record, check_optional, check_place
 
 
 @dataclass(frozen=True)
-class Grip(Record):
+class Held(Record):
+    """An object that is held by friction; see `Grip` and `Suction`."""
+
+    friction: float = field(metadata={"unit": "1"})
+    force: float = field(metadata={"unit": "N"})
+    mass: float | None = field(default=None, metadata={"unit": "kg"})
+    axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    com: tuple[float, float, float] | None = field(default=None, metadata={"unit": "m"})
+
+    def __post_init__(self) -> None:
+        name = type(self).__name__.lower()
+        for key, unit in (("friction", "1"), ("force", "N")):
+            value = check_number(getattr(self, key), f"{name}.{key}", f"a number above 0 [{unit}]", above=0.0)
+            object.__setattr__(self, key, value)
+        object.__setattr__(self, "mass", check_optional(self.mass, f"{name}.mass", "kg"))
+        check_place(self, name)
+
+
+class HeldLimit(SpecificForceLimit):
+    """Base of the limits on an object that is held by friction."""
+
+    def scaled(self, value: Any, factor: float) -> Any:
+        """Return the record with its force multiplied by a factor."""
+        return replace(value, force=factor * value.force)
+
+
+@dataclass(frozen=True)
+class Grip(Held):
     """A grip of two fingers.
 
     Parameters
@@ -31,53 +58,27 @@ class Grip(Record):
         Centre of mass of the object in the tool's frame [m]; by default the payload's, or the tool's point.
     """
 
-    friction: float = field(metadata={"unit": "1"})
-    force: float = field(metadata={"unit": "N"})
-    mass: float | None = field(default=None, metadata={"unit": "kg"})
     axis: tuple[float, float, float] = (0.0, 1.0, 0.0)
-    com: tuple[float, float, float] | None = field(default=None, metadata={"unit": "m"})
-
-    def __post_init__(self) -> None:
-        check_grip(self, "grip")
 
 
-def check_grip(record: Any, name: str) -> None:
-    """Check and normalise the fields of a record with friction, force, mass, axis and com."""
-    for key, unit in (("friction", "1"), ("force", "N")):
-        value = check_number(getattr(record, key), f"{name}.{key}", f"a number above 0 [{unit}]", above=0.0)
-        object.__setattr__(record, key, value)
-    object.__setattr__(record, "mass", check_optional(record.mass, f"{name}.mass", "kg"))
-    object.__setattr__(record, "axis", check_axis(record.axis, f"{name}.axis"))
-    if record.com is not None:
-        object.__setattr__(record, "com", check_vector(record.com, f"{name}.com"))
-
-
-class GripLimit(SpecificForceLimit):
+class GripLimit(HeldLimit):
     """m |f_t| ≤ 2 μ F across the axis of the fingers, and m |f_n| ≤ F along it."""
 
     name: ClassVar[str] = "grip"
     record: ClassVar[Any] = Grip
 
-    def axis(self, bound: Grip) -> Array:
-        """Return the axis along which the fingers close."""
-        return np.asarray(bound.axis)
-
-    def faces(self, bound: Grip, mass: float, around: Array) -> tuple[Array, Array]:
+    def faces(self, limit: Grip, mass: float, around: Array) -> tuple[Array, Array]:
         """Return the faces across the axis, and the two along it."""
-        n = np.broadcast_to(self.axis(bound), (len(around), 1, 3))
-        most = bound.force / mass
+        n = np.broadcast_to(self.axis(limit), (len(around), 1, 3))
+        most = limit.force / mass
         return np.concatenate([around, n, -n], axis=1), np.array(
-            [2.0 * bound.friction * most] * around.shape[1] + [most] * 2
+            [2.0 * limit.friction * most] * around.shape[1] + [most] * 2
         )
 
-    def measure(self, bound: Grip, mass: float, f: Array, off: Array | float = 0.0) -> Array:
+    def measure(self, limit: Grip, mass: float, f: Array, off: Array | float = 0.0) -> Array:
         """Return the larger of both ratios."""
-        along, across = split_by_axis(f, self.axis(bound))
-        return mass / bound.force * np.maximum((across + off) / (2.0 * bound.friction), np.abs(along) + off)
-
-    def scaled(self, value: Grip, factor: float) -> Grip:
-        """Return the grip with its force multiplied by a factor."""
-        return replace(value, force=factor * value.force)
+        along, across = split_by_axis(f, self.axis(limit))
+        return mass / limit.force * np.maximum((across + off) / (2.0 * limit.friction), np.abs(along) + off)
 
 
 METHOD = GripLimit

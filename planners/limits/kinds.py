@@ -17,7 +17,7 @@ from optik.errors import InvalidInput, UnknownName
 from optik.plugins.files import is_path
 from optik.registry import build_method, names
 from optik.types import Array, Flags
-from planners.limits.base import Limit, middle_and_half, ratio_to_limit, scale_of, sides, symmetric_bound
+from planners.limits.base import Limit, middle_and_half, ratio_to_limit, scale_of, sides, symmetric_limit
 from planners.limits.inputs import Extreme, Gears, LimitedMotion, PathPoints, ToolExtreme
 from planners.paths.base import Path
 from planners.trajectory import Extrema
@@ -30,64 +30,64 @@ class DerivativeLimit(Limit):
     The peak value is infinite where a lower derivative is discontinuous.
     """
 
-    def rows(self, at: PathPoints, bound: Array) -> Array:
+    def rows(self, at: PathPoints, limit: Array) -> Array:
         """Return the rows at points of a joint path."""
         rows = chain_rows([at.q(order) for order in range(1, self.order + 1)])
-        if bound.ndim == 1:
-            return rows / bound[:, None]
+        if limit.ndim == 1:
+            return rows / limit[:, None]
         if self.order == 1:  # ṡ ≥ 0: the sign of q' selects the side, and the value keeps its sign
-            lower, upper = sides(bound)
+            lower, upper = sides(limit)
             return np.asarray(rows / np.where(rows < 0.0, -lower[:, None], upper[:, None]))
-        return center_rows(np.concatenate([rows, np.zeros_like(rows)], axis=2), bound)
+        return center_rows(np.concatenate([rows, np.zeros_like(rows)], axis=2), limit)
 
-    def judge(self, motion: LimitedMotion, bound: Array) -> Extreme:
-        """Return the peak value of a motion, its ratio to the bound, and its time."""
+    def judge(self, motion: LimitedMotion, limit: Array) -> Extreme:
+        """Return the peak value of a motion, its ratio to the limit, and its time."""
         extrema = motion.trajectory.extrema(self.order)
-        if bound.ndim == 1:
-            ratio = np.where(np.isfinite(bound), extrema.worst / bound, np.nan)
+        if limit.ndim == 1:
+            ratio = np.where(np.isfinite(limit), extrema.worst / limit, np.nan)
             extreme = Extreme(extrema.worst, ratio, extrema.t_worst)
         else:
-            extreme = _nearest_side(extrema, bound)
+            extreme = _nearest_side(extrema, limit)
         for order in range(self.order):
             if motion.jumps[order].any():
-                extreme = _infinite_at_jumps(motion, order, extreme, motion.jumps[order], bound)
+                extreme = _infinite_at_jumps(motion, order, extreme, motion.jumps[order], limit)
         return extreme
 
-    def piece_ratios(self, motion: LimitedMotion, bound: Array) -> Array:
+    def piece_ratios(self, motion: LimitedMotion, limit: Array) -> Array:
         """Return the ratios on each piece of a motion."""
-        if bound.ndim == 1:
-            return motion.trajectory.piece_worst(self.order) / bound
-        return np.maximum(*(ratio_to_limit(value, bound) for value in motion.trajectory.piece_range(self.order)))
+        if limit.ndim == 1:
+            return motion.trajectory.piece_worst(self.order) / limit
+        return np.maximum(*(ratio_to_limit(value, limit) for value in motion.trajectory.piece_range(self.order)))
 
-    def stretch_factor(self, motion: LimitedMotion, bound: Array) -> float:
-        """Return the least factor by which a motion is stretched in time to respect the bound."""
-        return scale_of(float(self.piece_ratios(motion, bound).max()), self.order)
+    def stretch_factor(self, motion: LimitedMotion, limit: Array) -> float:
+        """Return the least factor by which a motion is stretched in time to respect the limit."""
+        return scale_of(float(self.piece_ratios(motion, limit).max()), self.order)
 
 
-def center_rows(rows: Array, bound: Array) -> Array:
-    """Return rows over a bound with two sides; the limit is respected where |rows · monomials| ≤ 1."""
-    middle, half = middle_and_half(*sides(bound))
+def center_rows(rows: Array, limit: Array) -> Array:
+    """Return rows over a limit with two sides; the limit is respected where |rows · monomials| ≤ 1."""
+    middle, half = middle_and_half(*sides(limit))
     out: Array = rows / half[:, None]
     out[..., 3] -= middle / half
     return out
 
 
-def _nearest_side(extrema: Extrema, bound: Array) -> Extreme:
-    """Return the least or the greatest value of each joint, whichever has the larger ratio to its side of the bound."""
-    free = np.isinf(bound[0])
-    lower, upper = np.where(free, -1.0, bound[0]), np.where(free, 1.0, bound[1])
+def _nearest_side(extrema: Extrema, limit: Array) -> Extreme:
+    """Return the least or the greatest value of each joint, whichever has the larger ratio to its side of the limit."""
+    free = np.isinf(limit[0])
+    lower, upper = np.where(free, -1.0, limit[0]), np.where(free, 1.0, limit[1])
     below, above = extrema.least / lower, extrema.greatest / upper
     down = below > above
     value, time = np.where(down, -extrema.least, extrema.greatest), np.where(down, extrema.t_least, extrema.t_greatest)
     return Extreme(value, np.where(free, np.nan, np.maximum(below, above)), time)
 
 
-def _infinite_at_jumps(motion: LimitedMotion, order: int, extreme: Extreme, jumps: Flags, bound: Array) -> Extreme:
+def _infinite_at_jumps(motion: LimitedMotion, order: int, extreme: Extreme, jumps: Flags, limit: Array) -> Extreme:
     """Return an extreme with infinite values at the largest discontinuity of this order of each joint that has one."""
     size = np.where(jumps, np.abs(motion.steps(order)), 0.0)
     jumping = jumps.any(axis=0)
     when = motion.trajectory.knots[size.argmax(axis=0)]
-    infinite = np.where(np.isfinite(symmetric_bound(bound)), np.inf, np.nan)
+    infinite = np.where(np.isfinite(symmetric_limit(limit)), np.inf, np.nan)
     return Extreme(
         np.where(jumping, np.inf, extreme.value),
         np.where(jumping, infinite, extreme.ratio),
@@ -134,31 +134,31 @@ class LoadedLimit(Limit):
     columns: ClassVar[int]
     """Number of columns of the rows: the full set of monomials of the limit's order."""
 
-    def rows(self, at: PathPoints, bound: Any) -> Array:
+    def rows(self, at: PathPoints, limit: Any) -> Array:
         """Return the rows at points of a joint path."""
-        if not self.is_given(bound):
+        if not self.is_given(limit):
             return np.zeros((at.s.size, 1, self.columns))
-        each = [self._rows_of(at, bound, load) for load in at.joint_path.robot.loads]
+        each = [self._rows_of(at, limit, load) for load in at.joint_path.robot.loads]
         return each[0] if len(each) == 1 else np.concatenate(each, axis=1)
 
     @abstractmethod
-    def _rows_of(self, at: PathPoints, bound: Any, load: Load) -> Array:
+    def _rows_of(self, at: PathPoints, limit: Any, load: Load) -> Array:
         """Return the rows (k, n, columns) of one load."""
 
-    def _pair(self, bound: Any) -> Array:
+    def _pair(self, limit: Any) -> Array:
         """Return the lower and the upper limits (2, n)."""
-        return np.stack(sides(bound))
+        return np.stack(sides(limit))
 
-    def _gears(self, robot: Robot, bound: Any) -> Gears | None:
+    def _gears(self, robot: Robot, limit: Any) -> Gears | None:
         """Return the motors whose torques are limited; None if they are those of the joints."""
         return None
 
-    def judge(self, motion: LimitedMotion, bound: Any) -> Extreme:
-        """Return the peak value of a motion, its ratio to the bound, and its time."""
-        lower, upper = pair = self._pair(bound)
-        if not self.is_given(bound):
+    def judge(self, motion: LimitedMotion, limit: Any) -> Extreme:
+        """Return the peak value of a motion, its ratio to the limit, and its time."""
+        lower, upper = pair = self._pair(limit)
+        if not self.is_given(limit):
             return Extreme(*np.full((3, upper.size), np.nan))
-        proved = motion.torque_ratios(pair, rate=self.rate, gears=self._gears(motion.robot, bound))
+        proved = motion.torque_ratios(pair, rate=self.rate, gears=self._gears(motion.robot, limit))
         limited = np.isfinite(upper)
         value = proved.ratio * np.where(limited, np.where(proved.upper, upper, -lower), 1.0)
         extreme = Extreme(value, np.where(limited, proved.ratio, np.nan), proved.time)
@@ -169,18 +169,18 @@ class LoadedLimit(Limit):
         when = np.full(upper.size, motion.trajectory.knots[jumping.argmax()])
         return Extreme(infinite, np.where(limited, infinite, np.nan), when)
 
-    def piece_ratios(self, motion: LimitedMotion, bound: Any) -> Array:
+    def piece_ratios(self, motion: LimitedMotion, limit: Any) -> Array:
         """Return the ratios on each piece of a motion."""
-        pair = self._pair(bound)
-        if not self.is_given(bound):
+        pair = self._pair(limit)
+        if not self.is_given(limit):
             return np.zeros((motion.trajectory.knots.size - 1, pair.shape[1]))
-        return motion.torque_piece_ratios(pair, rate=self.rate, gears=self._gears(motion.robot, bound))
+        return motion.torque_piece_ratios(pair, rate=self.rate, gears=self._gears(motion.robot, limit))
 
-    def stretch_factor(self, motion: LimitedMotion, bound: Any) -> float:
-        """Return the least factor by which a motion is stretched in time to respect the bound."""
-        if not self.is_given(bound):
+    def stretch_factor(self, motion: LimitedMotion, limit: Any) -> float:
+        """Return the least factor by which a motion is stretched in time to respect the limit."""
+        if not self.is_given(limit):
             return 0.0
-        return motion.torque_stretch(self._pair(bound), rate=self.rate, gears=self._gears(motion.robot, bound))
+        return motion.torque_stretch(self._pair(limit), rate=self.rate, gears=self._gears(motion.robot, limit))
 
 
 def torque_rows(at: PathPoints, load: Load) -> Array:
@@ -230,8 +230,8 @@ class Torque(LoadedLimit):
     rate: ClassVar[bool] = False
     columns: ClassVar[int] = 4
 
-    def _rows_of(self, at: PathPoints, bound: Array, load: Load) -> Array:
-        lower, upper = sides(bound)
+    def _rows_of(self, at: PathPoints, limit: Array, load: Load) -> Array:
+        lower, upper = sides(limit)
         free = ~np.isfinite(upper - lower)
         lower, upper = np.where(free, -1.0, lower), np.where(free, 1.0, upper)
         sign, still = _senses(at)
@@ -269,18 +269,18 @@ class TorqueRate(LoadedLimit):
     rate: ClassVar[bool] = True
     columns: ClassVar[int] = 6
 
-    def _rows_of(self, at: PathPoints, bound: Array, load: Load) -> Array:
-        return torque_rate_rows(at, load) / bound[:, None]
+    def _rows_of(self, at: PathPoints, limit: Array, load: Load) -> Array:
+        return torque_rate_rows(at, load) / limit[:, None]
 
 
 AT_BREAK = 1e-9
-"""Fraction of the path around a break in which the lesser of both bounds holds: a law reaches the break only to rounding."""
+"""Fraction of the path around a break in which the lesser of both limits holds: a law reaches the break only to rounding."""
 
 
 class ToolSpeedLimit(Limit):
     """A limit on the Euclidean norm of a part of the tool's twist, judged by proved bounds.
 
-    It has one bound (1,), or one for each segment of the path (k,).
+    It has one limit (1,), or one for each segment of the path (k,).
 
     Attributes
     ----------
@@ -303,8 +303,8 @@ class ToolSpeedLimit(Limit):
 
     def array(self, value: ArrayLike | None, n: int) -> Array:
         """Return a valid value as an array."""
-        bound = np.inf if value is None else value
-        return check_positive(bound, np.size(bound), self.name)
+        limit = np.inf if value is None else value
+        return check_positive(limit, np.size(limit), self.name)
 
     def from_plain(self, data: Any, n: int) -> Array | float | None:
         """Return a value from plain data."""
@@ -312,53 +312,53 @@ class ToolSpeedLimit(Limit):
             return read_numbers(data, (len(data),), f"limits.{self.name}")
         return super().from_plain(data, n)
 
-    def rows(self, at: PathPoints, bound: Array) -> Array:
+    def rows(self, at: PathPoints, limit: Array) -> Array:
         """Return the rows at points of a joint path."""
         norm = (
             np.linalg.norm(at.twist[:, 3 * self.part : 3 * self.part + 3], axis=1)
-            if np.isfinite(bound).any()
+            if np.isfinite(limit).any()
             else np.zeros(at.s.size)
         )
-        here = bound[0] if bound.size == 1 else limit_at(at.joint_path.path, bound, at.s, self.name)
+        here = limit[0] if limit.size == 1 else limit_at(at.joint_path.path, limit, at.s, self.name)
         return np.asarray((norm / here)[:, None, None])
 
-    def judge(self, motion: LimitedMotion, bound: Array) -> ToolExtreme:
-        """Return the peak value of a motion, its ratio to the bound, and its time."""
+    def judge(self, motion: LimitedMotion, limit: Array) -> ToolExtreme:
+        """Return the peak value of a motion, its ratio to the limit, and its time."""
         value, time = motion.tool_speed_bound(self.part)
-        if not np.isfinite(bound).any():
+        if not np.isfinite(limit).any():
             return ToolExtreme(value, float("nan"), time)
-        if bound.size == 1:
-            return ToolExtreme(value, value / float(bound[0]), time)
-        ratio, time = motion.tool_speed_ratio(limits_on_pieces(motion.path, bound, self.name), self.part)
+        if limit.size == 1:
+            return ToolExtreme(value, value / float(limit[0]), time)
+        ratio, time = motion.tool_speed_ratio(limits_on_pieces(motion.path, limit, self.name), self.part)
         return ToolExtreme(value, ratio, time)
 
-    def piece_ratios(self, motion: LimitedMotion, bound: Array) -> Array:
+    def piece_ratios(self, motion: LimitedMotion, limit: Array) -> Array:
         """Return the ratios on each piece of a motion."""
         speeds = motion.tool_speed_ends(self.part)
-        if bound.size == 1:
-            return np.asarray(np.maximum(*speeds)[:, None] / bound)
-        allowed = inside_ends(motion.path, bound, motion.knot_positions, self.name)
+        if limit.size == 1:
+            return np.asarray(np.maximum(*speeds)[:, None] / limit)
+        allowed = inside_ends(motion.path, limit, motion.knot_positions, self.name)
         return np.asarray(np.maximum(*(v / most for v, most in zip(speeds, allowed, strict=True)))[:, None])
 
 
-def limits_on_pieces(path: Path, bound: Array, name: str) -> Array:
-    """Return the bounds on the pieces between a path's breaks; the lesser one on a piece that belongs to two segments."""
-    if bound.size != path.segments:
+def limits_on_pieces(path: Path, limit: Array, name: str) -> Array:
+    """Return the limits on the pieces between a path's breaks; the lesser one on a piece that belongs to two segments."""
+    if limit.size != path.segments:
         several = f"{path.segments} numbers, one for each segment of the {path.name}, or one number"
         one = f"one number: a {path.name} has one segment"
-        raise InvalidInput(f"limits.{name}", f"{bound.size} numbers", several if path.segments > 1 else one)
-    return path.least_on_pieces(bound)
+        raise InvalidInput(f"limits.{name}", f"{limit.size} numbers", several if path.segments > 1 else one)
+    return path.least_on_pieces(limit)
 
 
-def limit_at(path: Path, bound: Array, s: Array, name: str) -> Array:
-    """Return the bounds at positions along a path; at a break the lesser of both sides."""
-    pieces, inner, near = limits_on_pieces(path, bound, name), path.breaks[1:-1], AT_BREAK * path.end
+def limit_at(path: Path, limit: Array, s: Array, name: str) -> Array:
+    """Return the limits at positions along a path; at a break the lesser of both sides."""
+    pieces, inner, near = limits_on_pieces(path, limit, name), path.breaks[1:-1], AT_BREAK * path.end
     return np.minimum(pieces[np.searchsorted(inner, s - near)], pieces[np.searchsorted(inner, s + near)])
 
 
-def inside_ends(path: Path, bound: Array, s: Array, name: str) -> tuple[Array, Array]:
-    """Return the bounds just after the start, and just before the end, of intervals of a path."""
-    pieces, inner, near = limits_on_pieces(path, bound, name), path.breaks[1:-1], AT_BREAK * path.end
+def inside_ends(path: Path, limit: Array, s: Array, name: str) -> tuple[Array, Array]:
+    """Return the limits just after the start, and just before the end, of intervals of a path."""
+    pieces, inner, near = limits_on_pieces(path, limit, name), path.breaks[1:-1], AT_BREAK * path.end
     return pieces[np.searchsorted(inner, s[:-1] + near)], pieces[np.searchsorted(inner, s[1:] - near)]
 
 

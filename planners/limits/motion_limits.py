@@ -1,4 +1,4 @@
-"""The limits of one motion: a bound for each kind of limit that is given; the least duration of a move within them."""
+"""The limits of one motion: one of each kind that is given; the least duration of a move within them."""
 
 from __future__ import annotations
 
@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from optik.arm.limits import ByContent
 from optik.arm.plain import read_record
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
 from optik.types import Array, content
-from planners.limits.base import Limit, ratio_to_limit, sides, symmetric_bound
+from planners.limits.base import Limit, ratio_to_limit, sides, symmetric_limit
 from planners.limits.inputs import PathPoints, plain
 from planners.limits.kinds import (
     ALL_LIMITS,
@@ -50,31 +51,31 @@ def _find_records(robot: Robot) -> dict[str, Any]:
         if robot.inertia is not None:
             matrices |= {"torque": robot.motors.matrix.T, "torque_rate": robot.motors.matrix.T}
         for name, matrix in matrices.items():
-            if (bound := getattr(own, name)) is not None:
-                record = {"matrix": matrix, "bound": bound, "names": robot.motors.names}
+            if (limit := getattr(own, name)) is not None:
+                record = {"matrix": matrix, "bound": limit, "names": robot.motors.names}
                 found[f"motor_{name}"] = kind_of(f"motor_{name}").check(record)
     return found
 
 
 @dataclass(frozen=True, eq=False)
-class MotionLimits:
+class MotionLimits(ByContent):
     """Limits of a motion, per joint; None where free.
 
     Parameters
     ----------
     velocity, acceleration, jerk : scalar or (n,) array, optional
-        Bounds on the absolute values [rad/s, rad/s², rad/s³, or metres for prismatic joints]. Velocity,
+        Limits on the absolute values [rad/s, rad/s², rad/s³, or metres for prismatic joints]. Velocity,
         acceleration and torque also take a pair (lower, upper), lower < 0 < upper, each a scalar or an (n,) array.
     tool_speed, rotation_speed : float or (k,) array, optional
         Greatest speed of the tool's point [m/s] and of its rotation [rad/s], as Euclidean norms; one, or one for each segment
         of a polyline. A rounded corner has the lesser of the limits of its two segments.
     extra : mapping, optional
-        Bounds of further kinds of limits, by name or by file, such as ``{"./weighted_speed.py": 3.0}``, which is run.
+        Limits of further kinds of limits, by name or by file, such as ``{"./weighted_speed.py": 3.0}``, which is run.
     torque, torque_rate : scalar or (n,) array, optional
         Greatest torques [N·m, N] and torque rates [N·m/s, N/s] of an arm whose masses are known. The torque includes Coulomb
         friction; its rate does not.
     robot_values : mapping, optional
-        Bounds of the robot's model by name, set by `MotionLimits.of`. A bound that differs from its entry here was given by the
+        Limits of the robot's model by name, set by `MotionLimits.of`. A limit that differs from its entry here was given by the
         caller (`MotionLimits.given_names`).
 
     Raises
@@ -104,23 +105,19 @@ class MotionLimits:
             return
         if not isinstance(self.extra, Mapping) or any(name in ALL_LIMITS for name in self.extra):
             raise InvalidInput(
-                "extra", repr(self.extra)[:120], "a mapping from names of further limits to their bounds"
+                "extra", repr(self.extra)[:120], "a mapping from names of further limits to their values"
             )
         given = {kind_of(name): value for name, value in self.extra.items() if value is not None}
         kept = {kind.name: kind.check(value) for kind, value in given.items()}
         object.__setattr__(self, "extra", MappingProxyType(kept) if kept else None)
 
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, MotionLimits) and self._content() == other._content()
-
-    def __hash__(self) -> int:
-        return hash(self._content())
-
     def __reduce__(self) -> tuple[Any, ...]:
         values = [getattr(self, each.name) for each in fields(self)]
         return MotionLimits, tuple(dict(value) if isinstance(value, Mapping) else value for value in values)
 
-    def _content(self) -> Any:
+    @property
+    def content(self) -> Any:
+        """The limits that are given, as hashable values."""
         return content([getattr(self, name) for name in ALL_LIMITS]), content(dict(self.extra or {}))
 
     @staticmethod
@@ -159,13 +156,13 @@ class MotionLimits:
 
     @property
     def given_names(self) -> tuple[str, ...]:
-        """Names of the limits that the caller gave: those whose bound differs from that of the robot's model."""
+        """Names of the limits that the caller gave: those that differ from the robot's model."""
         own = self.robot_values or {}
         bounds = {name: self.value(name) for name in self.names}
         return tuple(n for n, b in bounds.items() if b is not None and not (n in own and np.array_equal(b, own[n])))
 
     def value(self, name: str) -> Any:
-        """Return a bound as it was given.
+        """Return a limit as it was given.
 
         Parameters
         ----------
@@ -180,7 +177,7 @@ class MotionLimits:
         return getattr(self, name) if name in ALL_LIMITS else (self.extra or {}).get(name)
 
     def bounds(self, n: int) -> dict[str, Array]:
-        """Return the bounds of all kinds as arrays.
+        """Return the limits of all kinds as arrays.
 
         Parameters
         ----------
@@ -204,7 +201,7 @@ class MotionLimits:
         return dict(kept[n])
 
     def arrays(self, n: int) -> dict[str, Array]:
-        """Return the bounds on the absolute values of velocity, acceleration and jerk as arrays.
+        """Return the limits on the absolute values of velocity, acceleration and jerk as arrays.
 
         Parameters
         ----------
@@ -222,7 +219,7 @@ class MotionLimits:
             A length other than n.
         """
         bounds = self.bounds(n)
-        return {name: symmetric_bound(bounds[name]) for name in DERIVATIVES}
+        return {name: symmetric_limit(bounds[name]) for name in DERIVATIVES}
 
     def rows(self, name: str, at: PathPoints) -> Array:
         """Return the rows of one limit at points of a joint path.
@@ -256,16 +253,16 @@ class MotionLimits:
         Returns
         -------
         (k, m) array
-            Absolute values over the bound on their side [1]; the limit is respected where they are at most 1.
+            Absolute values over the limit on their side [1]; the limit is respected where they are at most 1.
         """
-        kind, bound = kind_of(name), self.bounds(at.joint_path.robot.n)[name]
+        kind, limit = kind_of(name), self.bounds(at.joint_path.robot.n)[name]
         two_sided = (
-            kind.sided and bound.ndim == 2 and kind.homogeneous
+            kind.sided and limit.ndim == 2 and kind.homogeneous
         )  # the value scales with time, a centered row does not
-        rows = kind.rows(at, np.ones(bound.shape[1]) if two_sided else bound)
+        rows = kind.rows(at, np.ones(limit.shape[1]) if two_sided else limit)
         products = monomials(rates[: kind.order], full=rows.shape[2] > kind.order)
         values = np.einsum("kmi,ik->km", rows, np.stack(products))
-        return ratio_to_limit(values, bound) if two_sided else np.asarray(np.abs(values))
+        return ratio_to_limit(values, limit) if two_sided else np.asarray(np.abs(values))
 
     def select(self, names: tuple[str, ...]) -> MotionLimits:
         """Return the limits with these names; all others are free.
@@ -289,7 +286,7 @@ class MotionLimits:
         Parameters
         ----------
         factor : float
-            Factor of the bounds [1].
+            Factor of the limits [1].
         names : tuple of str, optional
             Which limits; by default all.
 
@@ -347,7 +344,7 @@ class MotionLimits:
         Raises
         ------
         InvalidInput
-            Missing or unknown names, or data that are not a bound.
+            Missing or unknown names, or data that are not a limit.
         """
         extra = (
             tuple(key for key in data if key not in ALL_LIMITS and key in limit_names())
@@ -369,7 +366,7 @@ class MotionLimits:
 
 
 def check_path(limits: MotionLimits, path: Path) -> None:
-    """Check that limits with one bound for each segment have as many bounds as the path has segments."""
+    """Check that limits of each segment are as many as the path has segments."""
     for name in TOOL_SPEEDS:
         value = limits.value(name)
         if np.ndim(value):

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 from optik.check import check_number
 from optik.errors import InvalidInput
 from planners.limits._specific_force import TiltLimit
-from planners.limits.record import Record, check_axis, check_vector
+from planners.limits.record import Record, check_place
 
 
 @dataclass(frozen=True)
@@ -35,9 +35,7 @@ class OpenContainer(Record):
         object.__setattr__(self, "angle", check_number(self.angle, "open_container.angle", expected, above=0.0))
         if not self.angle < 1.5707:
             raise InvalidInput("open_container.angle", f"{self.angle:.6g}", expected)
-        object.__setattr__(self, "axis", check_axis(self.axis, "open_container.axis"))
-        if self.com is not None:
-            object.__setattr__(self, "com", check_vector(self.com, "open_container.com"))
+        check_place(self, "open_container")
 
     @property
     def largest_angle(self) -> float:

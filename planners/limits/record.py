@@ -1,4 +1,4 @@
-"""Limits whose bound is a frozen record, such as the friction and the force of a grip."""
+"""Limits that are frozen records, such as the friction and the force of a grip."""
 
 from __future__ import annotations
 
@@ -74,20 +74,27 @@ def check_axis(value: Any, argument: str) -> tuple[float, float, float]:
     return tuple(((vector if abs(length - 1.0) < 1e-12 else vector / length) + 0.0).tolist())
 
 
+def check_place(record: Any, name: str) -> None:
+    """Check and normalise the axis and the centre of mass of a record."""
+    object.__setattr__(record, "axis", check_axis(record.axis, f"{name}.axis"))
+    if record.com is not None:
+        object.__setattr__(record, "com", check_vector(record.com, f"{name}.com"))
+
+
 def check_optional(value: Any, argument: str, unit: str, *, least: float = 0.0) -> float | None:
     """Return a number above `least`, or None."""
     return None if value is None else check_number(value, argument, f"a number above {least:g} [{unit}]", above=least)
 
 
 class RecordLimit(Limit):
-    """Base of a kind whose bound is a frozen record.
+    """Base of a kind whose limit is a frozen record.
 
-    The methods of `Limit` take the record as their bound.
+    The methods of `Limit` take the record as their limit.
 
     Attributes
     ----------
     record : type
-        Class of the bound, with ``to_plain`` and ``from_plain``.
+        Class of the limit, with ``to_plain`` and ``from_plain``.
     """
 
     record: ClassVar[Any]
@@ -105,9 +112,9 @@ class RecordLimit(Limit):
         """Return the record itself."""
         return value
 
-    def is_given(self, bound: Any) -> bool:
+    def is_given(self, limit: Any) -> bool:
         """Return whether there is a record."""
-        return bound is not None
+        return limit is not None
 
     def to_plain(self, value: Any) -> Any:
         """Return the record as plain data."""
@@ -122,23 +129,23 @@ class SampledLimit(RecordLimit):
     """Base of a kind of limit whose ratios are sampled for the law and proved by `judge`."""
 
     @abstractmethod
-    def sample_ratios(self, motion: LimitedMotion, bound: Any, c: float = 1.0) -> Array:
+    def sample_ratios(self, motion: LimitedMotion, limit: Any, c: float = 1.0) -> Array:
         """Return the ratios (m, k, r) of a motion stretched by c at sampled instants; at rest for an infinite c."""
 
-    def piece_ratios(self, motion: LimitedMotion, bound: Any) -> Array:
+    def piece_ratios(self, motion: LimitedMotion, limit: Any) -> Array:
         """Return the ratios on each piece of a motion, sampled."""
-        return np.asarray(self.sample_ratios(motion, bound).max(axis=1))
+        return np.asarray(self.sample_ratios(motion, limit).max(axis=1))
 
-    def excess(self, motion: LimitedMotion, bound: Any) -> Array:
+    def excess(self, motion: LimitedMotion, limit: Any) -> Array:
         """Return the dynamic share of each row."""
-        return dynamic_share(self.sample_ratios(motion, bound), self.sample_ratios(motion, bound, np.inf))
+        return dynamic_share(self.sample_ratios(motion, limit), self.sample_ratios(motion, limit, np.inf))
 
-    def stretch_factor(self, motion: LimitedMotion, bound: Any) -> float:
+    def stretch_factor(self, motion: LimitedMotion, limit: Any) -> float:
         """Return the least factor of time at which the sampled ratio, times what the proof adds, is at most 1."""
-        proved = float(np.nanmax(self.judge(motion, bound).ratio))
+        proved = float(np.nanmax(self.judge(motion, limit).ratio))
 
         def ratio(c: float) -> float:
-            return float(self.sample_ratios(motion, bound, c).max())
+            return float(self.sample_ratios(motion, limit, c).max())
 
         over = max(proved / max(ratio(1.0), 1e-300), 1.0)
         if not np.isfinite(proved) or ratio(np.inf) * over > 1.0:

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
 from optik.types import Array
-from planners.limits._specific_force import SpecificForceLimit, split_by_axis
-from planners.limits.grip import check_grip
-from planners.limits.record import Record
+from planners.limits._specific_force import split_by_axis
+from planners.limits.grip import Held, HeldLimit
 
 
 @dataclass(frozen=True)
-class Suction(Record):
+class Suction(Held):
     """A suction cup.
 
     Parameters
@@ -31,39 +30,22 @@ class Suction(Record):
         Centre of mass of the object in the tool's frame [m]; by default the payload's, or the tool's point.
     """
 
-    friction: float = field(metadata={"unit": "1"})
-    force: float = field(metadata={"unit": "N"})
-    mass: float | None = field(default=None, metadata={"unit": "kg"})
-    axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
-    com: tuple[float, float, float] | None = field(default=None, metadata={"unit": "m"})
 
-    def __post_init__(self) -> None:
-        check_grip(self, "suction")
-
-
-class SuctionLimit(SpecificForceLimit):
+class SuctionLimit(HeldLimit):
     """m |f_t| ≤ μ (F − m f_n), where f_n pulls the object from the cup."""
 
     name: ClassVar[str] = "suction"
     record: ClassVar[Any] = Suction
 
-    def axis(self, bound: Suction) -> Array:
-        """Return the axis from the cup to the object."""
-        return np.asarray(bound.axis)
-
-    def faces(self, bound: Suction, mass: float, around: Array) -> tuple[Array, Array]:
+    def faces(self, limit: Suction, mass: float, around: Array) -> tuple[Array, Array]:
         """Return the faces of the cone whose tip is F / m."""
-        return around / bound.friction + self.axis(bound), np.full(around.shape[1], bound.force / mass)
+        return around / limit.friction + self.axis(limit), np.full(around.shape[1], limit.force / mass)
 
-    def measure(self, bound: Suction, mass: float, f: Array, off: Array | float = 0.0) -> Array:
+    def measure(self, limit: Suction, mass: float, f: Array, off: Array | float = 0.0) -> Array:
         """Return m (|f_t| / μ + f_n) / F."""
-        along, across = split_by_axis(f, self.axis(bound))
-        steep = np.hypot(1.0, 1.0 / bound.friction)
-        return np.asarray(mass / bound.force * np.maximum(across / bound.friction + along + steep * off, 0.0))
-
-    def scaled(self, value: Suction, factor: float) -> Suction:
-        """Return the cup with its force multiplied by a factor."""
-        return replace(value, force=factor * value.force)
+        along, across = split_by_axis(f, self.axis(limit))
+        steep = np.hypot(1.0, 1.0 / limit.friction)
+        return np.asarray(mass / limit.force * np.maximum(across / limit.friction + along + steep * off, 0.0))
 
 
 METHOD = SuctionLimit

@@ -9,7 +9,7 @@ import numpy as np
 
 from optik.errors import InvalidInput
 from planners.limits._specific_force import TiltLimit
-from planners.limits.record import Record, check_axis, check_optional, check_vector
+from planners.limits.record import Record, check_optional, check_place
 
 
 @dataclass(frozen=True)
@@ -39,9 +39,7 @@ class Tray(Record):
             object.__setattr__(self, name, check_optional(getattr(self, name), f"tray.{name}", "1"))
         if self.friction is None and self.slenderness is None:
             raise InvalidInput("tray", "neither friction nor slenderness", "at least one of them")
-        object.__setattr__(self, "axis", check_axis(self.axis, "tray.axis"))
-        if self.com is not None:
-            object.__setattr__(self, "com", check_vector(self.com, "tray.com"))
+        check_place(self, "tray")
 
     @property
     def largest_angle(self) -> float:

@@ -375,28 +375,28 @@ STATIC_EXCESS = 1e-3
 both, the time law decides."""
 
 
-def static_torque(joint_path: JointPath, bound: Array, since: float = 0.0) -> TorqueRatios:
+def static_torque(joint_path: JointPath, limit: Array, since: float = 0.0) -> TorqueRatios:
     """Return bounds on the static torque on a joint path: of gravity, and of Coulomb friction in the path's direction.
 
     Where a joint rests or reverses, as all joints do at both ends, friction counts on both sides.
     """
     along = Trajectory(scipy.interpolate.PPoly(joint_path.coefficients, joint_path.nodes))
-    motion = MotionAnalysis(joint_path.robot, along)
+    analysis = MotionAnalysis(joint_path.robot, along)
     begin = int(np.searchsorted(along.knots[1:-1], since, side="right"))
     pieces, knots = np.arange(begin, along.knots.size - 1), along.knots[begin:]
-    first, last = (motion.joints_at(pieces, s) for s in (knots[:-1], knots[1:]))
+    first, last = (analysis.joints_at(pieces, s) for s in (knots[:-1], knots[1:]))
     torques = TorqueBounds(joint_path.robot, knots, first, last, still=True)
-    found = torques.bound_ratios(bound, rate=False, excess=STATIC_EXCESS)
+    found = torques.bound_ratios(limit, rate=False, excess=STATIC_EXCESS)
     for model, ends in zip(torques.models, torques.ends, strict=True):
         resting = [(along.end, ends.right[-1, 0])] + ([] if since > 0.0 else [(0.0, ends.left[0, 0])])
         for s, value in resting:
-            found = _include_rest(found, bound, s, value, model.coulomb)
+            found = _include_rest(found, limit, s, value, model.coulomb)
     return found
 
 
-def _include_rest(found: TorqueRatios, bound: Array, s: float, value: Array, friction: Array) -> TorqueRatios:
+def _include_rest(found: TorqueRatios, limit: Array, s: float, value: Array, friction: Array) -> TorqueRatios:
     """Return the larger of the given ratios and those of a state of rest at s, with friction on both sides."""
-    down, up = (value - friction) / bound[0], (value + friction) / bound[1]
+    down, up = (value - friction) / limit[0], (value + friction) / limit[1]
     ratio = np.maximum(down, up)
     return TorqueRatios(
         np.maximum(found.ratio, ratio),
@@ -415,13 +415,13 @@ def check_statics(joint_path: JointPath, limits: MotionLimits, enforced: tuple[s
     if limits.torque is None or "torque" not in enforced:
         return
     given = bounds["torque"]
-    bound = np.stack([-given, given]) if given.ndim == 1 else given
-    found = static_torque(joint_path, bound, since)
-    ratio = np.where(np.isfinite(bound[1]), found.found, 0.0)
+    pair = np.stack([-given, given]) if given.ndim == 1 else given
+    found = static_torque(joint_path, pair, since)
+    ratio = np.where(np.isfinite(pair[1]), found.found, 0.0)
     i = int(ratio.argmax())
     if ratio[i] <= 1.0:
         return
-    limit = abs(float(bound[1 if found.upper[i] else 0, i]))
+    limit = abs(float(pair[1 if found.upper[i] else 0, i]))
     robot, s = joint_path.robot, float(found.time[i])
     force = "N" if robot.prismatic[i] else "N·m"
     raise NoSolution(

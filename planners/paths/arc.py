@@ -228,9 +228,7 @@ def _check_orientation(start: Array, orientation: ArrayLike, with_arc: Array) ->
 
 
 def _vector(value: ArrayLike, argument: str, what: str) -> Array:
-    vector = real_array(value, argument, f"{what} of shape (3,)")
-    if vector.shape != (3,):
-        raise InvalidInput(argument, f"shape {vector.shape}", f"{what} of shape (3,)")
+    vector = real_array(value, argument, f"{what} of shape (3,)", (3,))
     if not (np.abs(vector) <= se3.FARTHEST).all():
         raise InvalidInput(argument, vector.tolist(), f"{what} of finite numbers up to 1e6")
     return vector.copy()

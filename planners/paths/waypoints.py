@@ -172,9 +172,7 @@ def _read_poses(table: TextTable, turned: tuple[str, ...], first: Array, robot: 
 
 def check_rotation(orientation: ArrayLike | None, expected: str = "a rotation (3, 3)") -> Array:
     """Return a rotation (3, 3) of the tool, exact to rounding."""
-    R = real_array(orientation, "orientation", expected)
-    if R.shape != (3, 3):
-        raise InvalidInput("orientation", f"shape {R.shape}", expected)
+    R = real_array(orientation, "orientation", expected, (3, 3))
     return se3.nearest_pose(se3.check_pose(se3.pose(R), "orientation"))[:3, :3]
 
 

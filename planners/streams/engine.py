@@ -18,7 +18,7 @@ from optik.errors import InvalidInput
 from optik.scene import Scene
 from optik.scene.contact import check_scene
 from optik.types import Array
-from planners.limits import DERIVATIVES, MotionLimits, PathPoints, kind_of, symmetric_bound
+from planners.limits import DERIVATIVES, MotionLimits, PathPoints, kind_of, symmetric_limit
 from planners.limits.base import sides
 from planners.paths.goal import find_continuous, unwind
 from planners.streams.chunk import Chunk, Jog, read_targets, refuse_targets, resolve_poses
@@ -217,7 +217,7 @@ class Retargeter:
         if "torque_rate" not in self.others:
             return self.box
         part = np.abs(self._heavy.mass_matrix(X[0])) * np.minimum(self.box[:, 3, 1], -self.box[:, 3, 0])
-        excess = part.sum(axis=1) / symmetric_bound(self.limits.bounds(self.robot.n)["torque_rate"])
+        excess = part.sum(axis=1) / symmetric_limit(self.limits.bounds(self.robot.n)["torque_rate"])
         matters = part > SMALL_PART * part.sum(axis=1)[:, None]
         box = self.box.copy()
         box[:, 3] /= np.maximum((excess[:, None] * matters).max(axis=0), 1.0)[:, None]

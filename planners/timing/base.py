@@ -17,7 +17,7 @@ from optik.registry import ClassName, build_method, names
 from optik.types import Array, Flags
 from planners.certificate.analysis import MotionAnalysis
 from planners.following.follow import JointPath
-from planners.limits import DERIVATIVES, LOADED, MotionLimits, PathPoints, check_names, kind_of, symmetric_bound
+from planners.limits import DERIVATIVES, LOADED, MotionLimits, PathPoints, check_names, kind_of, symmetric_limit
 from planners.trajectory import Trajectory
 from planners.trajectory.curve import apply_chain_rule, find_times, quintic
 
@@ -190,7 +190,7 @@ class TimeLaw(ABC):
         if not isinstance(bound, np.ndarray):
             rates = kind.rows(PathPoints(joint_path, joint_path.nodes), bound)[..., 0]
             return bool(np.abs(rates).max() * joint_path.end > NO_JOINT_MOTION)
-        given = np.isfinite(symmetric_bound(bound))
+        given = np.isfinite(symmetric_limit(bound))
         if kind.subject is None:
             return bool((given & (moving if kind.homogeneous else self.counts_torque)).any())
         rates = kind.rows(PathPoints(joint_path, joint_path.nodes), np.where(given, 1.0, np.inf))[..., 0]

@@ -162,7 +162,7 @@ def measure(case: int) -> Row:
         row[f"{law}_ok"], row[f"{law}_why"] = bool(one), "" if one else str(one.failure.reason)[:120]
         if free and law == "optimal":
             row["box"] = dense(name, robot, value, free.trajectory)
-            slowed = kind_of(name).stretch_factor(free.certificate.motion, given.bounds(robot.n)[name])
+            slowed = kind_of(name).stretch_factor(free.certificate.analysis, given.bounds(robot.n)[name])
             row["uniform"] = slowed if np.isfinite(slowed) else None
         if one and free:
             row |= {

@@ -116,7 +116,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "planners/limits/base.py": (LIMIT_ROWS, LIMITS, SIDES, *CERTIFICATE),
     "planners/limits/kinds.py": (THRESHOLDS, LIMIT_ROWS, LIMITS, SIDES, SEGMENTS, *CERTIFICATE, *TORQUE[1:]),
     "planners/limits/moveit.py": ("tests/optik/test_moveit.py", LIMITS),
-    "planners/limits/_motor_torque.py": (THRESHOLDS, LIMIT_ROWS, LIMIT_PROOFS, COUPLED),
+    "planners/limits/_motor_torque.py": (LIMIT_ROWS, LIMIT_PROOFS, COUPLED),
     "planners/limits/_combination.py": (LIMIT_ROWS, LIMIT_PROOFS, COUPLED),
     "planners/limits/motion_limits.py": ("tests/planners/test_plan.py", LIMITS, SEGMENTS),
     "planners/limits": (THRESHOLDS, LIMIT_ROWS, LIMIT_PROOFS, RECORDS),

@@ -18,7 +18,8 @@ from optik.types import Array
 from planners import Arc, Line, Path, Polyline, Trajectory
 from planners.certificate import bounds as motion_bounds
 from planners.certificate import path_error as deviation
-from planners.certificate.bounds import bezier_bound, joint_bounds, tool_bounds, tool_speed
+from planners.certificate.analysis import MotionAnalysis
+from planners.certificate.bounds import bezier_bound, joint_bounds, tool_bounds
 from planners.certificate.path_error import PieceBounds, path_error, path_rates, product_bound
 from planners.trajectory.curve import bell, quintic_through
 from tests import oracles
@@ -362,8 +363,8 @@ def test_a_tool_that_is_fast_only_between_two_instants_is_seen(never_halved: Non
     fast = 0.8
     v = fast * 16.0 * Polynomial([0.0, 0.0, 1.0 / h**2, -2.0 / h**3, 1.0 / h**4])
     for robot in (SLIDES, TURNS):
-        found = tool_speed(robot, one_joint(robot, np.array([0.3, 0.2]), 1, v.integ().coef, h))
-        part = found.speed if robot is SLIDES else found.rotation
+        motion = one_joint(robot, np.array([0.3, 0.2]), 1, v.integ().coef, h)
+        part = MotionAnalysis(robot, motion).tool_speed_bound(0 if robot is SLIDES else 1)[0]
         assert fast * (1.0 - 1e-9) <= part <= fast * (1.0 + 1e-9)
 
 
@@ -392,7 +393,7 @@ def paths_from(start: Array) -> dict[str, Path]:
 def contradicted(path: Path, trajectory: Trajectory, count: int, *, over: float) -> None:
     """Compare the bounds of a motion with many of its instants, and see that they are not far above."""
     robot = paper6r()
-    (error, _), fast = path_error(robot, path, trajectory), tool_speed(robot, trajectory)
+    (error, _), fast = path_error(robot, path, trajectory), MotionAnalysis(robot, trajectory).tool_speed[0]
     joints = oracles.Joints(trajectory)
     t = np.linspace(0.0, trajectory.end, count)
     T = oracles.fk(oracles.PAPER, joints(t))
@@ -412,11 +413,11 @@ def contradicted(path: Path, trajectory: Trajectory, count: int, *, over: float)
             gaps = np.array([oracles.off_by(some, np.tile(x, (len(some), 1, 1)))[part] for x in at[::8]]).min(axis=0)
             step = path.end / 400 * 4 * path.derivative_bounds()[part, 0]
             truth.append(max(gaps.max() - step, 0.0))
-    for said, found in zip((fast.speed, fast.rotation, error.distance, error.angle), truth, strict=True):
+    for said, found in zip((*fast, error.distance, error.angle), truth, strict=True):
         assert found <= said * ROUNDING + 1e-12
     if np.isfinite(over):
-        assert fast.speed <= over * truth[0]
-        assert fast.rotation <= over * truth[1]
+        assert fast[0] <= over * truth[0]
+        assert fast[1] <= over * truth[1]
 
 
 @pytest.mark.parametrize("kind", ["line", "turning line", "arc", "polyline"])

@@ -169,7 +169,7 @@ def test_laws_respect_it(name: str, law: str) -> None:
 @pytest.mark.parametrize("name", LIMITS)
 def test_the_optimum_is_faster_than_a_motion_slowed_as_a_whole(name: str) -> None:
     free = plan(arm(), moving(name), BENT, limits=MotionLimits.of(arm(), torque=None, **BOX))
-    kind, analysis = kind_of(name), free.certificate.motion
+    kind, analysis = kind_of(name), free.certificate.analysis
     slowed = kind.stretch_factor(analysis, MotionLimits(extra={name: LIMITS[name]}).bounds(6)[name])
     assert free.duration < planned(name).duration < 0.995 * slowed * free.duration
     reached = certify(arm(), moving(name), free.trajectory.stretched(slowed), MotionLimits(extra={name: LIMITS[name]}))

@@ -44,14 +44,14 @@ class Loaded(DerivativeLimit):
     units: ClassVar[tuple[str, str]] = ("rad/s²", "m/s²")
     order: ClassVar[int] = 2
 
-    def judge(self, motion: LimitedMotion, bound: Array) -> Extreme:
+    def judge(self, motion: LimitedMotion, limit: Array) -> Extreme:
         found = motion.trajectory.extrema(2)
-        return Extreme(found.worst + 1.0, (found.worst + 1.0) / bound, found.t_worst)
+        return Extreme(found.worst + 1.0, (found.worst + 1.0) / limit, found.t_worst)
 
-    def stretch_factor(self, motion: LimitedMotion, bound: Array) -> float:
-        if (bound <= 1.0).any():
+    def stretch_factor(self, motion: LimitedMotion, limit: Array) -> float:
+        if (limit <= 1.0).any():
             return np.inf
-        return scale_of(float((motion.trajectory.extrema(2).worst / (bound - 1.0)).max()), 2)
+        return scale_of(float((motion.trajectory.extrema(2).worst / (limit - 1.0)).max()), 2)
 
 
 @pytest.fixture(autouse=True)

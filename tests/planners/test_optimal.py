@@ -102,13 +102,13 @@ def test_limits_of_any_size_are_kept_exactly(
 
 @pytest.mark.parametrize("share", [0.05, 0.3, 0.9])
 def test_a_tool_speed_is_kept_and_used(share: float) -> None:
-    from planners.certificate.bounds import tool_speed
+    from planners.certificate.analysis import MotionAnalysis
 
     joint_path = default_joint_path()
     free = Optimal().run(joint_path, LIMITS)
-    limit = share * tool_speed(joint_path.robot, free).speed
+    limit = share * MotionAnalysis(joint_path.robot, free).tool_speed[0][0]
     slow = Optimal().run(joint_path, MotionLimits(2.0, 10.0, 100.0, tool_speed=limit))
-    found = tool_speed(joint_path.robot, slow).speed
+    found = MotionAnalysis(joint_path.robot, slow).tool_speed[0][0]
     assert 0.999 * limit <= found <= limit
     assert joint_path.end / limit < slow.duration <= joint_path.end / limit + free.duration
 

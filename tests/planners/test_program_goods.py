@@ -282,6 +282,6 @@ def test_clearance_and_path_error_are_those_of_the_worse_section(uneven) -> None
     assert whole.energy.drawn == pytest.approx(slow.energy.drawn + fast.energy.drawn) and not whole.exempt
     nearer = replace(NEAR, margin=0.5 * (slow.clearance.scene.value + fast.clearance.scene.value))
     for part, valid in ((slow, True), (fast, False)):
-        room = planners.certify(UR, None, part.motion.trajectory, MotionLimits(), scene=nearer)
+        room = planners.certify(UR, None, part.analysis.trajectory, MotionLimits(), scene=nearer)
         assert room.is_valid == valid
-    assert not planners.certify(UR, None, whole.motion.trajectory, MotionLimits(), scene=nearer).is_valid
+    assert not planners.certify(UR, None, whole.analysis.trajectory, MotionLimits(), scene=nearer).is_valid

@@ -122,7 +122,7 @@ def test_the_nearest_place_around_is_found_to_rounding_and_without_a_search(
     for path in (Line(np.eye(4), se3.pose(se3.exp_so3(turn), np.zeros(3))), Line(np.eye(4), se3.pose(np.eye(3), turn))):
         s = np.linspace(0.1, 0.7, 7) * path.end / 0.8
         instants = Instants(s, np.zeros((7, 6, 6)), path.pose(s), np.zeros((7, 3, 6)))
-        instants.motion[:, 0] = 0.5 * path.twist(s)
+        instants.twists[:, 0] = 0.5 * path.twist(s)
         instants.poses[:, (axis + 1) % 3, 3] += 1e-6
         found = Nearest(path).places(instants, s + 0.02 * path.end)
         np.testing.assert_allclose(found.s, s, rtol=0.0, atol=1e-12)

@@ -362,7 +362,6 @@ STATED = {
     "planners.limits.kinds": {"AT_BREAK": 1e-9, "STANDING_SHARE": 1e-9},
     "planners.limits.velocity_by_position": {"FIRST_EXCESS": 1e-9, "STILL": 1e-12},
     "planners.limits._specific_force": {"PROOF_EXCESS": 1e-5},
-    "planners.limits._motor_torque": {"AT_REST": 1e-9},
     "planners.streams.result": {"CONTINUOUS": 1e-9, "EXCESS": 1e-9, "JOINED_WITHIN": 0.01},
     "planners.program.joining": {"ON_CURVE": 1e-8, "MIDDLE": 5.0 / 64.0},
     "planners.program.following": {"GAP": 1e-6, "NO_GAP": 1e-12},

@@ -81,20 +81,20 @@ class PathAcceleration(Limit):
     subject: ClassVar[str | None] = "tool"
     seen: ClassVar[list[PathPoints]] = []
 
-    def rows(self, at: PathPoints, bound: Array) -> Array:
+    def rows(self, at: PathPoints, limit: Array) -> Array:
         self.seen.append(at)
         out = np.zeros((at.s.size, 1, 2))
-        out[:, 0, 0] = np.linalg.norm(at.twist[:, :3], axis=1) / bound[0]
-        out[:, 0, 1] = oracles_along(at) / bound[0]
+        out[:, 0, 0] = np.linalg.norm(at.twist[:, :3], axis=1) / limit[0]
+        out[:, 0, 1] = oracles_along(at) / limit[0]
         return out
 
-    def piece_ratios(self, motion: LimitedMotion, bound: Array) -> Array:
-        return np.array([[values_of(motion, a, b).max() / bound[0]] for a, b in pairs(motion.trajectory.knots)])
+    def piece_ratios(self, motion: LimitedMotion, limit: Array) -> Array:
+        return np.array([[values_of(motion, a, b).max() / limit[0]] for a, b in pairs(motion.trajectory.knots)])
 
-    def judge(self, motion: LimitedMotion, bound: Array) -> ToolExtreme:
-        ratios = self.piece_ratios(motion, bound)[:, 0]
+    def judge(self, motion: LimitedMotion, limit: Array) -> ToolExtreme:
+        ratios = self.piece_ratios(motion, limit)[:, 0]
         k = int(ratios.argmax())
-        return ToolExtreme(float(ratios[k] * bound[0]), float(ratios[k]), float(motion.trajectory.knots[k]))
+        return ToolExtreme(float(ratios[k] * limit[0]), float(ratios[k]), float(motion.trajectory.knots[k]))
 
 
 def oracles_along(at: PathPoints) -> Array:

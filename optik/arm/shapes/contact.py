@@ -54,7 +54,7 @@ def leave_out_contact(arm: ArmModel, tree: Tree, rows: Rows, folders: MeshFolder
     """Leave out the pairs of links whose meshes are always in contact; warn of them, and of pairs that often are."""
     assert arm.shapes is not None
     where = {link: (number, T) for number, T, link in rows}
-    source = arm.shapes.digest, *arm.chain, arm.limits.lower, arm.limits.upper
+    source = arm.shapes.content, *arm.chain, arm.limits.lower, arm.limits.upper
     shares = find_contact_shares(arm)
     always = []
     for pair in [pair for pair, share in shares.items() if share == 1.0 and where.keys() >= {*pair}]:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optik import se3
+from optik.arm.limits import ByContent
 from optik.arm.shapes.check import Capsules, check_capsules, check_excess
 from optik.arm.shapes.enclosure import Hull
 from optik.arm.shapes.hulls import check_hulls, list_hulls
@@ -31,7 +32,7 @@ Apart: TypeAlias = tuple[str | int, str | int, str]
 
 
 @dataclass(frozen=True, eq=False)
-class Shapes:
+class Shapes(ByContent):
     """Capsules that enclose the links of an arm; equal by content.
 
     Parameters
@@ -87,17 +88,8 @@ class Shapes:
 
     # ------------------------------------------------------------ identity
 
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Shapes) and self.digest == other.digest
-
-    def __hash__(self) -> int:
-        return hash(self.digest)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return Shapes, (self.capsules, self.names, self.apart, self.excess, self.source, self.unread, self.hulls)
-
     @cached_property
-    def digest(self) -> bytes:
+    def content(self) -> bytes:
         """SHA-256 of the content, equal on all machines."""
         digest = hashlib.sha256(repr((self.names, self.apart, *self.unread)).encode())
         for array in (*self.capsules, self.excess):
