@@ -293,7 +293,7 @@ def test_a_stop_that_cannot_be_certified_is_a_cancellation_and_is_said_before(po
     def none(*_: Any) -> planners.Plan:
         raise NoSolution("no stop within the limits")
 
-    monkeypatch.setattr(sys.modules[make_stops.__module__], "plan_stop", none)
+    monkeypatch.setattr(sys.modules[make_stops.__module__], "plan_stop_at", none)
     drive = drive_on(address(port, "ok", plan), plan, **PATIENT)
     with drive.transport:
         stopped = drive.execute(plan, stop=0.2)
