@@ -115,9 +115,9 @@ def hold_joints(tree: Tree, chain: list[Joint], values: Mapping[str, float] | No
     return replace(tree, above=above)
 
 
-def _check_value(tree: Tree, joints: Mapping[str, Joint], on_chain: set[str], given: tuple[Any, Any]) -> float:
+def _check_value(tree: Tree, joints: Mapping[str, Joint], on_chain: set[str], entry: tuple[Any, Any]) -> float:
     """Check the name and the value of a joint to be held, and return the value."""
-    name, value = given
+    name, value = entry
     free = [n for n, joint in joints.items() if joint.kind in MOVING and n not in on_chain]
     if name in on_chain:
         raise InvalidInput("values", f"{name!r}, a joint of the chain", f"joints beside the chain: {join_names(free)}")

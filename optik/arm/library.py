@@ -123,17 +123,17 @@ def find_description(name: str) -> Description:
     except ModuleNotFoundError:
         raise MissingDependency("robot_descriptions", f"robot {name!r}", "robots") from None
     try:
-        found = importlib.import_module(f"robot_descriptions.{module}")
+        package = importlib.import_module(f"robot_descriptions.{module}")
     except ModuleNotFoundError:
         raise InvalidInput("robot", repr(name), "a description of the package robot_descriptions") from None
     except Exception as error:  # git has many errors
         words = " ".join(str(error).split())[:160]
         raise InvalidInput("robot", f"{name!r}: {words}", "a description that can be downloaded") from error
-    file = getattr(found, "URDF_PATH", None) or getattr(found, "XACRO_PATH", None)
+    file = getattr(package, "URDF_PATH", None) or getattr(package, "XACRO_PATH", None)
     if file is None:
         raise InvalidInput("robot", f"{name!r}, which has no URDF", "a description with a URDF")
-    packages = dict.fromkeys(str(Path(path).parent) for path in (found.PACKAGE_PATH, found.REPOSITORY_PATH))
-    return Description(Path(file), getattr(found, "XACRO_ARGS", {}), tuple(packages))
+    packages = dict.fromkeys(str(Path(path).parent) for path in (package.PACKAGE_PATH, package.REPOSITORY_PATH))
+    return Description(Path(file), getattr(package, "XACRO_ARGS", {}), tuple(packages))
 
 
 def expand_xacro(file: Path, arguments: Mapping[str, str], packages: Folders = None) -> str:
@@ -150,8 +150,8 @@ def expand_xacro(file: Path, arguments: Mapping[str, str], packages: Folders = N
     known.update_package_cache(dict(packages) if isinstance(packages, Mapping) else {})
     while True:
         try:
-            made = XacroDoc.from_file(str(file), subargs=dict(arguments), resolve_packages=False)
-            return str(made.to_urdf_string())
+            document = XacroDoc.from_file(str(file), subargs=dict(arguments), resolve_packages=False)
+            return str(document.to_urdf_string())
         except Exception as error:  # xacro raises what its expressions raise
             words = " ".join(str(error).split())[:160] or type(error).__name__
             missing = re.search(r"Package not found: ([-\w]+)", str(error))
@@ -176,8 +176,8 @@ def load_urdf(
     known = (*URDF_OPTIONS, "values", "package_dirs")
     options = _urdf_options({key: value for key, value in links.items() if key in known})
     others = {key: value for key, value in links.items() if key not in known}
-    given = options.pop("package_dirs", None)
-    packages = given if isinstance(given, Mapping) else [*folders, *(given or ())]
+    package_dirs = options.pop("package_dirs", None)
+    packages = package_dirs if isinstance(package_dirs, Mapping) else [*folders, *(package_dirs or ())]
     source: str | Path = file
     if file.suffix.lower() == ".xacro":
         source = expand_xacro(file, {**(arguments or {}), **others}, packages)
@@ -212,9 +212,9 @@ def _urdf_options(links: dict[str, Any]) -> dict[str, Any]:
     if isinstance(text := links.get("without_shape"), str):
         options["without_shape"] = text.split(",")
     if "hold" in links:
-        held = [part.rpartition(":") for part in links["hold"].split(",")]
+        holds = [part.rpartition(":") for part in links["hold"].split(",")]
         try:
-            options.setdefault("values", {name: float(value) for name, _, value in held})
+            options.setdefault("values", {name: float(value) for name, _, value in holds})
         except ValueError:
             raise InvalidInput("hold", repr(links["hold"]), "JOINT:VALUE,JOINT:VALUE [rad, m]") from None
     if "packages" in links:

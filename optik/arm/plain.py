@@ -196,11 +196,11 @@ def arm_from_dict(data: Any) -> ArmModel:
     linkage = _linkage_from_dict(data["linkage"]) if "linkage" in data else None
     links = n if linkage is None else len(linkage.names)
     optional = (*LATER_KEYS, "velocity_by_position")
-    given = dict(read_record(data["limits"], LIMIT_KEYS, "robot.limits", optional=optional))
-    by_position = given.pop("velocity_by_position", None)
+    fields = dict(read_record(data["limits"], LIMIT_KEYS, "robot.limits", optional=optional))
+    by_position = fields.pop("velocity_by_position", None)
     limits: dict[str, Any] = {
         k: None if v is None and k not in ("lower", "upper") else read_numbers(v, (n,), f"robot.limits.{k}")
-        for k, v in given.items()
+        for k, v in fields.items()
     }
     if by_position is not None:
         limits["velocity_by_position"] = VelocityByPosition.from_plain(by_position, "robot.limits.velocity_by_position")

@@ -50,8 +50,8 @@ def tool_facts(robot: ArmModel, tool: Array) -> list[tuple[str, str]]:
             ("Motors", f"{', '.join(robot.motors.names)} move these axes together, inside ranges of their own")
         )
     if (follow := robot.linkage) is not None:
-        of, own = [robot.joint_names[k] for k in follow.joint], zip(follow.names, follow.factor, strict=True)
-        words = [f"{name} follows {k} × {x:.4g}" for (name, x), k in zip(own, of, strict=True) if name != k]
+        of, factors = [robot.joint_names[k] for k in follow.joint], zip(follow.names, follow.factor, strict=True)
+        words = [f"{name} follows {k} × {x:.4g}" for (name, x), k in zip(factors, of, strict=True) if name != k]
         facts.append(("Linkage", ", ".join(words)))
     if robot.limits.velocity_by_position is not None:
         facts.append(("Velocity", "falls towards the ends of the ranges"))

@@ -192,8 +192,8 @@ def read_urdf(
         from optik.arm.shapes.urdf import find_mesh_folders
 
         folders = find_mesh_folders(source, package_dirs)
-    for argument, given in (("package_dirs", package_dirs), ("srdf", srdf), ("without_shape", without_shape or None)):
-        if folders is None and given is not None:
+    for argument, option in (("package_dirs", package_dirs), ("srdf", srdf), ("without_shape", without_shape or None)):
+        if folders is None and option is not None:
             raise InvalidInput(argument, "one", "none without shapes=True")
     for argument, value in (("tip", tip), ("base", base), ("name", name)):
         if value is not None and not isinstance(value, str):

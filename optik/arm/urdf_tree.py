@@ -100,14 +100,14 @@ def read_disabled_pairs(source: str | os.PathLike[str], links: Sequence[str]) ->
         raise InvalidInput("srdf", f"the element <{str(root.tag)[:60]}>", "an SRDF, whose outermost element is <robot>")
     silent = [_read_links(e, ("link",))[0] for e in root.iter("disable_default_collisions")]
     enabled = {frozenset(_read_links(e, ("link1", "link2"))) for e in root.iter("enable_collisions")}
-    found = {
+    pairs = {
         frozenset((link, other)): (link, other, "disabled by default in the SRDF")
         for link in silent for other in links if other != link and frozenset((link, other)) not in enabled
     }  # fmt: skip
     for element in root.iter("disable_collisions"):
         one, other = _read_links(element, ("link1", "link2"))
-        found[frozenset((one, other))] = one, other, element.get("reason") or "disabled in the SRDF"
-    return [pair for pair in found.values() if {pair[0], pair[1]} <= set(links)]
+        pairs[frozenset((one, other))] = one, other, element.get("reason") or "disabled in the SRDF"
+    return [pair for pair in pairs.values() if {pair[0], pair[1]} <= set(links)]
 
 
 def _read_links(element: Any, names: tuple[str, ...]) -> list[str]:
@@ -199,8 +199,8 @@ def _build_tree(root: Any, name: str | None) -> Tree:
     elements = root.findall(f"{prefix}link")
     links = [_attribute(robot, e, "name", "a <link>") for e in elements]
     joints = [_joint(robot, e, prefix) for e in root.findall(f"{prefix}joint")]
-    for kind, found in (("links", links), ("joints", [j.name for j in joints])):
-        twice = _find_repeated(found)
+    for kind, names in (("links", links), ("joints", [j.name for j in joints])):
+        twice = _find_repeated(names)
         if twice:
             raise RobotModelError(robot, f"two {kind} are named {twice!r}")
     above, below = _connections(robot, links, joints)

@@ -210,13 +210,13 @@ def find_first_paths(
         for i, (s, target) in enumerate(zip(at, targets, strict=True)):
             last = i == len(path.vias)
             turns = winding if last else "exact"
-            found = find_path(path.robot, q, target, scene=scene, search=search, seed=seed, winding=turns)
-            samples += found.samples
-            if not found:
-                yield FirstPath(_explain(found, i, s, last), samples)
+            answer = find_path(path.robot, q, target, scene=scene, search=search, seed=seed, winding=turns)
+            samples += answer.samples
+            if not answer:
+                yield FirstPath(_explain(answer, i, s, last), samples)
                 return
-            q = found.vertices[-1]
-            legs.append([way for way in found.paths if last or (way[-1] == q).all()])
+            q = answer.vertices[-1]
+            legs.append([way for way in answer.paths if last or (way[-1] == q).all()])
         for way in itertools.zip_longest(*legs):
             chosen = [legs[i][-1] if leg is None else leg for i, leg in enumerate(way)]
             yield FirstPath(round_legs(path, chosen, scene), samples)

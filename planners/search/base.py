@@ -191,13 +191,13 @@ class JointSpace:
         path = np.ascontiguousarray(vertices, dtype=np.float64)
         edges = np.diff(path, axis=0)
         lengths = np.linalg.norm(edges, axis=1)
-        found = np.zeros(len(path))
+        proved = np.zeros(len(path))
         for k in range(1, len(path) - 1):
             half = 0.5 * min(lengths[k - 1], lengths[k])
             if half > 0.0:
                 a, b = path[k] - half / lengths[k - 1] * edges[k - 1], path[k] + half / lengths[k] * edges[k]
-                found[k] = half * prove_corner(self.body, a, path[k], b, self.work)
-        return found
+                proved[k] = half * prove_corner(self.body, a, path[k], b, self.work)
+        return proved
 
     def shorten(self, vertices: Array, draws: Array) -> Array:
         """Return a shortened path, proved to be collision-free.

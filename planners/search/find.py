@@ -49,13 +49,13 @@ def list_goals(space: JointSpace, start: Array, goal: ArrayLike, winding: str) -
         raise InvalidInput("goal", repr(goal)[:60], expected) from None
     turning = find_continuous(robot) if winding == "nearest" else np.zeros(robot.n, np.bool_)
     if array.shape == (4, 4) and (robot.n != 4 or (array[3] == np.eye(4)[3]).all()):
-        found, turning = _find_configurations(space, start, se3.check_pose(array, "goal")), robot.turning
+        goals, turning = _find_configurations(space, start, se3.check_pose(array, "goal")), robot.turning
     elif array.ndim not in (1, 2) or array.shape[-1] != robot.n or not len(array):
         raise InvalidInput("goal", f"shape {array.shape}", expected)
     else:
-        found = np.array([check_start(robot, q, "goal") for q in array.reshape(-1, robot.n)])
-    free = found[[space.is_free(q) for q in np.ascontiguousarray(found)]]
-    return _wind(robot, free, start, turning), found
+        goals = np.array([check_start(robot, q, "goal") for q in array.reshape(-1, robot.n)])
+    free = goals[[space.is_free(q) for q in np.ascontiguousarray(goals)]]
+    return _wind(robot, free, start, turning), goals
 
 
 def _find_configurations(space: JointSpace, start: Array, pose: Array) -> Array:
@@ -171,11 +171,11 @@ def _search(
 ) -> SearchResult:
     """Search paths to the goals (k, n), the nearest of which is the first; shorten them, and return the different ones."""
     seed, shortcuts, paths, winding = options
-    found: list[Array] = []
+    routes: list[Array] = []
     samples = 0
     for k in range(paths):
-        if found:  # a goal that is farther than a path is long would make a longer path
-            goals = goals[np.linalg.norm(goals - start, axis=1) <= (1.0 + 1e-9) * min(map(measure_length, found))]
+        if routes:  # a goal that is farther than a path is long would make a longer path
+            goals = goals[np.linalg.norm(goals - start, axis=1) <= (1.0 + 1e-9) * min(map(measure_length, routes))]
         attempt = method.search(space, start, goals, (seed, k))
         if not isinstance(attempt, tuple) or len(attempt) != 2:
             raise InvalidInput(
@@ -189,12 +189,12 @@ def _search(
         _check_path(space, vertices, start, goals, method)
         if shortcuts:
             vertices = space.shorten(vertices, np.random.default_rng((seed, k, 0)).random((shortcuts, 2)))
-        if not any(_is_same_path(vertices, other) for other in found):
-            found.append(vertices)
+        if not any(_is_same_path(vertices, other) for other in routes):
+            routes.append(vertices)
         if len(vertices) <= 2 and (vertices[-1] == goals[0]).all():
             break
-    if found:
-        return SearchResult(SearchStatus.FOUND, tuple(sorted(found, key=measure_length)), samples)
+    if routes:
+        return SearchResult(SearchStatus.FOUND, tuple(sorted(routes, key=measure_length)), samples)
     reason = f"no path found with {samples} random configurations; that does not prove that there is none"
     advice = "a larger max_samples, another seed, or a smaller scene.margin"
     if winding == "exact" and find_continuous(space.robot).any():

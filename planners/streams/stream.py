@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import re
 import time
 from collections import deque
@@ -439,3 +440,4 @@ def retarget(
 
 _engines = deque[Retargeter](maxlen=4)
 """Those of the last calls, which the next call with the same objects uses again."""
+atexit.register(_engines.clear)  # before Ruckig's module, which reports objects that outlive it

@@ -71,8 +71,8 @@ def leave_out_contact(arm: ArmModel, tree: Tree, rows: Rows, folders: MeshFolder
         )
         warnings.warn(EnclosureWarning(arm.name, problem, always), stacklevel=4)
         arm = arm.with_shapes(arm.shapes.with_apart((*pair, f"meshes {why}") for pair in always))
-    if found := [pair for pair, share in shares.items() if share >= OFTEN and pair not in always]:
-        _warn_of_contact(arm, tree, {pair: shares[pair] for pair in found}, set(where))
+    if touching := [pair for pair, share in shares.items() if share >= OFTEN and pair not in always]:
+        _warn_of_contact(arm, tree, {pair: shares[pair] for pair in touching}, set(where))
     return arm
 
 

@@ -428,22 +428,22 @@ def enclose_objects(objects: Iterable[Any], name: str, place: Array) -> list[Cap
     expected = "a list of boxes (T, edges), spheres (centre, radius) or capsules (a, b, radius)"
     if isinstance(objects, str) or not isinstance(objects, Iterable):
         raise InvalidInput(f"{name}.shapes", format_value(objects), expected)
-    found: list[Capsule] = []
+    capsules: list[Capsule] = []
     for i, one in enumerate(objects):
         where = f"{name}.shapes[{i}]"
         if isinstance(one, Capsule):
-            found.append(one)
+            capsules.append(one)
             continue
         if not isinstance(one, list | tuple) or len(one) not in (2, 3):
             raise InvalidInput(where, format_value(one), expected)
         if len(one) == 2 and np.ndim(one[1]) == 1:
-            found += _box(one[0], one[1], where)
+            capsules += _box(one[0], one[1], where)
         else:
             ends = [check_point(end, where, LONGEST_LINK) for end in one[:-1]]
-            found.append(Capsule(ends[0], ends[-1], check_length(one[-1], f"{where}: radius", LONGEST_LINK), 0.0))
-    if not found:
+            capsules.append(Capsule(ends[0], ends[-1], check_length(one[-1], f"{where}: radius", LONGEST_LINK), 0.0))
+    if not capsules:
         raise InvalidInput(f"{name}.shapes", "none", expected)
-    return [c.transform(place) for c in found]
+    return [c.transform(place) for c in capsules]
 
 
 def _box(pose: Any, edges: Any, where: str) -> list[Capsule]:
@@ -487,7 +487,7 @@ def sweep_capsules(capsules: Sequence[Capsule], steps: Sequence[SweepStep], rang
     """
     parts = [(ranges, _sweep_all(capsules, steps, ranges))]
     while (len(parts) + 1) * len(capsules) <= MOST_SWEPT:
-        growth = [_measure_growth(capsules, found) for _, found in parts]
+        growth = [_measure_growth(capsules, swept) for _, swept in parts]
         i = int(np.argmax(growth))
         if growth[i] <= WELL_SWEPT:
             break
@@ -499,9 +499,9 @@ def sweep_capsules(capsules: Sequence[Capsule], steps: Sequence[SweepStep], rang
         ]
         if not halves:
             break
-        worst = [max(_measure_growth(capsules, found) for _, found in pair) for pair in halves]
+        worst = [max(_measure_growth(capsules, swept) for _, swept in pair) for pair in halves]
         parts[i : i + 1] = halves[int(np.argmin(worst))]
-    return [c for _, found in parts for c in found]
+    return [c for _, swept in parts for c in swept]
 
 
 def _halve(ranges: Array, driver: int) -> tuple[Array, Array]:

@@ -329,18 +329,18 @@ def count_crossings(chain: Chain, meshes: Hulls, balls: Array, q: Array) -> int:
     for k in range(q.shape[0]):
         kinematics.frames(chain, q[k], frame)
         T, U = pose_of(frame, index[0, 1]), pose_of(frame, index[1, 1])
-        found, middle = False, _place(U, balls[1, 0], balls[1, 1], balls[1, 2])
+        met, middle = False, _place(U, balls[1, 0], balls[1, 1], balls[1, 2])
         for row in range(min(count, MOST_KNOWN)):
-            found = found or _is_met(known[row, 0], known[row, 1], meshes, T, U)
+            met = met or _is_met(known[row, 0], known[row, 1], meshes, T, U)
         for i in range(index[1, 0]):
-            if found or _is_far(_place(T, heads[i, 2], heads[i, 3], heads[i, 4]), middle, heads[i, 5] + balls[1, 3]):
+            if met or _is_far(_place(T, heads[i, 2], heads[i, 3], heads[i, 4]), middle, heads[i, 5] + balls[1, 3]):
                 continue
             for j in range(index[1, 0], index[2, 0]):
                 if _is_met(i, j, meshes, T, U):
-                    known[count % MOST_KNOWN], found = (i, j), True
+                    known[count % MOST_KNOWN], met = (i, j), True
                     count += 1
                     break
-        if not found:
+        if not met:
             return int(k)
     return int(q.shape[0])
 
@@ -498,7 +498,7 @@ def _measure(hulls: list[Hull], tree: Any) -> list[Hull]:
     solids = [find_hull(hull.corners) for hull in hulls]
     step = float(np.ptp(tree.data, axis=0).max()) / SPACING
     thick = 2.0 * max(hull.radius for hull in hulls) + MET
-    found = []
+    measured = []
     for k, hull in enumerate(hulls):
         others = [solid.planes for i, solid in enumerate(solids) if i != k and len(solid.planes)]
         triangles, bound = solids[k].triangles, 0.0
@@ -518,8 +518,8 @@ def _measure(hulls: list[Hull], tree: Any) -> list[Hull]:
             p, q, r = 0.5 * (a + b), 0.5 * (b + c), 0.5 * (c + a)
             corners = ((a, p, r), (p, b, q), (r, q, c), (p, q, r))
             triangles = np.concatenate([np.stack(part, axis=1) for part in corners])
-        found.append(hull._replace(excess=bound + hull.radius))
-    return found
+        measured.append(hull._replace(excess=bound + hull.radius))
+    return measured
 
 
 def list_hulls(hulls: Sequence[Hull]) -> tuple[Array, Array]:

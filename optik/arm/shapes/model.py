@@ -262,13 +262,13 @@ class Shapes(ByContent):
         """
         from optik.arm.shapes.enclosure import enclose_objects
 
-        found = enclose_objects(objects, name, np.eye(4) if place is None else se3.check_pose(place, "place"))
+        added = enclose_objects(objects, name, np.eye(4) if place is None else se3.check_pose(place, "place"))
         kept = self.without_part(name) if name in self.names else self
-        rows = [*zip(*kept.capsules, strict=True), *((link, c.a, c.b, c.radius) for c in found)]
-        names = (*kept.names, *(name for _ in found))
-        excess = np.concatenate((kept.excess, [c.excess for c in found]))
+        rows = [*zip(*kept.capsules, strict=True), *((link, c.a, c.b, c.radius) for c in added)]
+        names = (*kept.names, *(name for _ in added))
+        excess = np.concatenate((kept.excess, [c.excess for c in added]))
         unread = tuple(pair for pair in self.unread if pair[0] != name)
-        hulls = (*kept.hulls, *(() for _ in found)) if kept.hulls else ()
+        hulls = (*kept.hulls, *(() for _ in added)) if kept.hulls else ()
         return replace(kept, capsules=rows, names=names, excess=excess, unread=unread, hulls=hulls)  # type: ignore[arg-type]
 
     def without_part(self, name: str) -> Shapes:

@@ -82,11 +82,11 @@ class MeshFolders:
         outside = False
         for root, candidate in candidates:
             try:
-                found = candidate.resolve()
-                if not found.is_relative_to(root.resolve()):
+                resolved = candidate.resolve()
+                if not resolved.is_relative_to(root.resolve()):
                     outside = True
-                elif found.is_file():
-                    return found
+                elif resolved.is_file():
+                    return resolved
             except (OSError, RuntimeError):  # an impossible name, or a cycle of links
                 continue
         if outside:
@@ -238,11 +238,11 @@ def read_shapes(tree: Tree, base: str, placed: list[tuple[Joint, Array]], folder
     carried: dict[str, list[tuple[str, Capsule]]] = {link: [] for link in chain}
     unread: list[tuple[str, str]] = []
     for link in tree.list_below(base):
-        if found := _read_own(tree, link, folders, unread):
+        if enclosed := _read_own(tree, link, folders, unread):
             carrier, steps, ranges = find_steps(tree, link, chain, axis)
             if steps:
-                found = enclose_once(partial(sweep_capsules, found, steps, ranges), found, steps, ranges)
-            carried[carrier] += [(link, c) for c in found]
+                enclosed = enclose_once(partial(sweep_capsules, enclosed, steps, ranges), enclosed, steps, ranges)
+            carried[carrier] += [(link, c) for c in enclosed]
     rows = place_links(base, placed)
     capsules = [(i, name, c.transform(T)) for i, T, link in rows for name, c in carried[link]]
     if not capsules and not unread:
