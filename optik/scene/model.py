@@ -172,12 +172,7 @@ class Scene:
         if robot is not None and Path(file).suffix.lower() in (".yaml", ".yml"):
             known = (*robot.link_names, *(robot.shapes.names if robot.shapes else ()))
             arguments["allow"] = [pair for pair in arguments["allow"] if pair[0] in known]
-        try:
-            scene = Scene(**arguments)
-            if not scene.names and Path(file).suffix.lower() != ".json":
-                raise InvalidInput("scene", "no objects", "at least one object")
-        except InvalidInput as error:
-            raise locate_error(Path(file).name, error) from None
+        scene = _make_scene(Path(file), arguments)
         warn_of_assumptions(file, scene.notes)
         return scene
 
@@ -446,3 +441,14 @@ def _check_allow(value: Any, names: tuple[str, ...]) -> Iterable[tuple[str, str]
         if other not in names:
             raise UnknownName(f"object in scene.allow[{i}]", other, names)
         yield link, other
+
+
+def _make_scene(file: Path, arguments: Mapping[str, Any]) -> Scene:
+    """Return the scene that a file describes; an error names the file."""
+    try:
+        scene = Scene(**arguments)
+        if not scene.names and file.suffix.lower() != ".json":
+            raise InvalidInput("scene", "no objects", "at least one object")
+    except InvalidInput as error:
+        raise locate_error(file.name, error) from None
+    return scene
