@@ -251,7 +251,7 @@ def _move(ends: Array, u: Triple, v: Triple) -> float:
 def _room_of_balls(frame: Array, balls: Array, m: int, i: int) -> float:
     """Return the room between the spheres around the shapes of two links."""
     u, v = transform_point(frame, m, read_row(balls, m)), transform_point(frame, i, read_row(balls, i))
-    return length_between(u, v) - balls[m, 3] - balls[i, 3]
+    return float(length_between(u, v) - balls[m, 3] - balls[i, 3])
 
 
 @compiled
