@@ -17,7 +17,7 @@ from optik.arm.limits import freeze
 from optik.arm.shapes.check import check_excess, check_length, check_point
 from optik.arm.shapes.enclosure import Capsule, complete_frame, enclose_cylinder, enclose_mesh, enclose_objects
 from optik.card import Card
-from optik.check import check_number, check_words, format_value, locate_error
+from optik.check import check_number, check_words, format_value
 from optik.errors import InvalidInput, UnknownName
 from optik.scene.cloud import check_points, pack_cloud
 from optik.scene.distance import check_mesh, find_hull, pack_solids
@@ -177,7 +177,8 @@ class Scene:
             if not scene.names and Path(file).suffix.lower() != ".json":
                 raise InvalidInput("scene", "no objects", "at least one object")
         except InvalidInput as error:
-            raise locate_error(Path(file).name, error) from None
+            where = f"{Path(file).name}: {error.argument}"
+            raise InvalidInput(where, error.got, error.expected, advice=error.advice) from None
         warn_of_assumptions(file, scene.notes)
         return scene
 

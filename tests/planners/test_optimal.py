@@ -283,7 +283,7 @@ def test_the_end_is_met_however_far_apart_the_limits_are(limits: MotionLimits) -
 
 def test_limits_far_apart_take_tens_of_iterations(monkeypatch: pytest.MonkeyPatch) -> None:
     counts, real, rng = [], iteration.solve_barrier, np.random.default_rng(0)
-    monkeypatch.setattr(iteration, "solve", lambda *given: counts.append(real(*given)) or counts[-1])
+    monkeypatch.setattr(iteration, "solve_barrier", lambda *given: counts.append(real(*given)) or counts[-1])
     for k in range(8):
         limits = np.array([2.0, 10.0, 100.0]) * 10.0 ** rng.uniform(-3.0, 3.0, 3)
         make_law("optimal").run(random_joint_paths(4)[k % 4], MotionLimits(*limits))
@@ -291,7 +291,7 @@ def test_limits_far_apart_take_tens_of_iterations(monkeypatch: pytest.MonkeyPatc
 
 
 def test_where_no_motion_is_found_the_reason_names_the_place_and_the_joint(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(iteration, "solve", lambda *_: -1)
+    monkeypatch.setattr(iteration, "solve_barrier", lambda *_: -1)
     with pytest.raises(NoSolution) as info:
         make_law("optimal").run(default_joint_path(), LIMITS)
     assert info.value.joint in default_joint_path().robot.joint_names
