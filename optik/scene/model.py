@@ -17,7 +17,7 @@ from optik.arm.limits import freeze
 from optik.arm.shapes.check import check_excess, check_length, check_point
 from optik.arm.shapes.enclosure import Capsule, complete_frame, enclose_cylinder, enclose_mesh, enclose_objects
 from optik.card import Card
-from optik.check import check_number, check_words, format_value, locate_error
+from optik.check import check_number, check_words, format_value
 from optik.errors import InvalidInput, UnknownName
 from optik.scene.cloud import check_points, pack_cloud
 from optik.scene.distance import check_mesh, find_hull, pack_solids
@@ -172,7 +172,13 @@ class Scene:
         if robot is not None and Path(file).suffix.lower() in (".yaml", ".yml"):
             known = (*robot.link_names, *(robot.shapes.names if robot.shapes else ()))
             arguments["allow"] = [pair for pair in arguments["allow"] if pair[0] in known]
-        scene = _make_scene(Path(file), arguments)
+        try:
+            scene = Scene(**arguments)
+            if not scene.names and Path(file).suffix.lower() != ".json":
+                raise InvalidInput("scene", "no objects", "at least one object")
+        except InvalidInput as error:
+            where = f"{Path(file).name}: {error.argument}"
+            raise InvalidInput(where, error.got, error.expected, advice=error.advice) from None
         warn_of_assumptions(file, scene.notes)
         return scene
 
@@ -441,14 +447,3 @@ def _check_allow(value: Any, names: tuple[str, ...]) -> Iterable[tuple[str, str]
         if other not in names:
             raise UnknownName(f"object in scene.allow[{i}]", other, names)
         yield link, other
-
-
-def _make_scene(file: Path, arguments: Mapping[str, Any]) -> Scene:
-    """Return the scene that a file describes; an error names the file."""
-    try:
-        scene = Scene(**arguments)
-        if not scene.names and file.suffix.lower() != ".json":
-            raise InvalidInput("scene", "no objects", "at least one object")
-    except InvalidInput as error:
-        raise locate_error(file.name, error) from None
-    return scene
