@@ -30,14 +30,17 @@ class InvalidInput(OptikError, ValueError):
     argument, got, expected, advice : str
         Name of the argument, the value that was passed, and the values that are allowed, in words; and what to type instead,
         or empty.
+    value : object
+        The value that was passed.
+    unit : str
+        Its unit, ``rad`` or ``m``, if it is a number with one; else empty.
     """
 
-    def __init__(self, argument: str, got: object, expected: str, *, advice: str = "") -> None:
-        super().__init__(f"{argument}: expected {expected}; got {got}{'; ' + advice if advice else ''}")
-        self.argument = argument
-        self.got = str(got)
-        self.expected = expected
-        self.advice = advice
+    def __init__(self, argument: str, got: object, expected: str, *, advice: str = "", unit: str = "") -> None:
+        self.argument, self.value, self.unit = argument, got, unit
+        self.got = f"{got:.6g} {unit}" if unit else str(got)
+        self.expected, self.advice = expected, advice
+        super().__init__(f"{argument}: expected {expected}; got {self.got}{'; ' + advice if advice else ''}")
 
 
 class Unsupported(InvalidInput):

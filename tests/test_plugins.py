@@ -709,7 +709,7 @@ def test_a_suite_s_plug_ins_are_noted_without_running_them_and_start_at_its_fold
         with pytest.raises(InvalidInput, match="no file"):
             registry.check_name("optik.ik", "./bomb.py", "IK method")
     assert found == [("optik.ik", "bomb", bomb)]
-    with pytest.raises(InvalidInput, match=r"--allow-plugins.*methods/bomb.py"):
+    with pytest.raises(InvalidInput, match=r"allow_plugins=True.*methods/bomb.py"):
         files.check_allowed(found, False)
     files.check_allowed(found, True)
     files.check_allowed([], False)
@@ -740,7 +740,9 @@ def test_what_a_run_records_refuses_other_files_and_versions(installed: Path, tm
         [first[0] | {"version": "2.0"}, first[1]],
         [*first, first[1] | {"name": "x"}],
     ):
-        with pytest.raises(InvalidInput, match=r"^plug-in .*as when the run began; restore it, or use another --out"):
+        with pytest.raises(
+            InvalidInput, match=r"^plug-in .*as when the run began; restore it, or begin a run in another folder"
+        ):
             files.check_same_plugins(first, now)
     with pytest.raises(InvalidInput, match="SHA-256"):
         files.expect(first)

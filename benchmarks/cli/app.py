@@ -16,7 +16,7 @@ import optik
 from benchmarks.cli.bench import CheckCommand, ListCommand, NewCommand
 from benchmarks.cli.cell import CellCommand
 from benchmarks.cli.certify import CertifyCommand
-from benchmarks.cli.command import UsageError, add_command, err_console, name_robot_options, translate
+from benchmarks.cli.command import UsageError, add_command, err_console, name_options, translate
 from benchmarks.cli.installation import DoctorCommand, KernelsCommand, PeerCommand
 from benchmarks.cli.motion import DriveCommand, StreamCommand, ViewCommand
 from benchmarks.cli.paths import (
@@ -135,7 +135,7 @@ def main() -> None:
     except NoSolution as error:
         _end(f"no solution: {translate(str(error))}", 1)
     except OptikError as error:
-        _end(f"error: {name_robot_options(str(error))}", 2)
+        _end(f"error: {name_options(str(error))}", 2)
     except Exception as error:
         words = _describe_plugin_error(error)
         if not words:

@@ -6,7 +6,7 @@ import json
 import re
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, dataclass, field, fields
 from difflib import get_close_matches
 from enum import Enum
@@ -92,8 +92,28 @@ def _describe_values(kind: Any, name: str) -> str:
 # ---------------- messages of the library in the words of the command line
 
 
-TRANSLATED = "allow|branch|columns|gravity|ignore|joint_names|rotation_speed|start|timing|tool_speed|unit|unwrap"
-"""Arguments of the library, in messages, that are options of the same name."""
+OPTIONS: dict[str, str] = {}
+"""Options and arguments of all commands, as typed, by their field."""
+
+ARGUMENTS = {
+    "IK method": "solver", "time law": "timing", "limit": "limit", "freedom": "free", "file format": "format",
+    "limits.tool_speed": "tool_speed", "limits.rotation_speed": "rotation_speed", "target": "xyz", "q": "q_deg",
+    "angle": "angle_deg", "data": "set_", "goal": "set_", "robot": "name", "drive": "on", "search": "avoid",
+    "extra": "limit", "peer": "name", "scene.margin": "margin", "package_dirs": "package_dir", "start": "start_deg",
+    "q_start": "start_deg", "tilt": "free", "freedoms": "free",
+}  # fmt: skip
+"""Arguments of the library, and kinds of names, that a command has under another name."""
+
+PHRASES = {
+    "q_start": "--start-deg", "time_limit": "--time-limit", " (max_restarts)": "",  # no option of `optik plan`
+    "free(path, turn=True, tilt=True)": "--free turn,tilt", "turn=True, tilt=True": "--free turn,tilt",
+    "True without turn=True": "tilt without turn", "elbow=True in planners.free": "--free elbow",
+    "optik.solve_ik with closest=True": "optik ik --closest",
+    "with_limits sets them": "only <limit> is read", "with_limits(torque=None)": "--torque none",
+    "with_limits(velocity=)": "--velocity", ", or shapes.with_apart": "", ", or shapes.with_part": "",
+}  # fmt: skip
+"""Further words of the library, and what is typed instead."""
+
 NUMBER = r"-?\d[\d.]*(?:e[-+]?\d+)?"
 """Regular expression of a number in a message."""
 
@@ -101,42 +121,29 @@ NUMBER = r"-?\d[\d.]*(?:e[-+]?\d+)?"
 def translate(words: str) -> str:
     """Return a message of the library with degrees, millimetres and options in place of radians and Python arguments."""
 
-    def scale(match: re.Match[str]) -> str:
+    def convert(match: re.Match[str]) -> str:
         factor, unit = (180.0 / np.pi, "°") if match["unit"] == "rad" else (1e3, " mm")
-        values = re.sub(NUMBER, lambda number: f"{float(number[0]) * factor:.4g}", match["values"])
-        return values + unit
+        return re.sub(NUMBER, lambda number: f"{float(number[0]) * factor:.4g}", match["values"]) + unit
 
-    words = re.sub(rf"(?P<values>\[{NUMBER}(?:, {NUMBER})+\]) (?P<unit>rad|m)\b", scale, words)
-    words = re.sub(rf"(?P<values>{NUMBER}) (?P<unit>rad)\b(?!/)", scale, words)
-    words = name_robot_options(name_options(words, TRANSLATED))
-    for python, typed in (("q_start", "--start-deg"), ("optik.solve_ik with closest=True", "optik ik --closest"),
-                          ("free(path, turn=True, tilt=True)", "--free turn,tilt"), ("time_limit", "--time-limit"),
-                          ("with_limits sets them", "only <limit> is read"),
-                          ("with_limits(torque=None)", "--torque none"), ("with_limits(velocity=)", "--velocity")):  # fmt: skip
-        words = words.replace(python, typed)
-    return words.replace(" (max_restarts)", "")  # no option of `optik plan`
+    quantity = rf"(?P<values>\[{NUMBER}(?:, {NUMBER})+\]|{NUMBER}(?= rad)) (?P<unit>rad|m)\b(?!/)"
+    return name_options(re.sub(quantity, convert, words))
 
 
-def name_options(words: str, names: str) -> str:
+def name_options(words: str) -> str:
     """Return a message with options in place of Python arguments, such as --tip tool0 for tip='tool0'."""
 
     def join(match: re.Match[str]) -> str:
-        values = [quoted or plain for quoted, plain in re.findall(r"'([^']+)'|([-+.\w]+)", match[2])]
-        value = "none" if match[2] == "()" else ",".join(values)
-        return f"--{match[1].replace('_', '-')}{'-deg' * (match[1] == 'start')} {value}".rstrip()
+        option, value = OPTIONS.get(ARGUMENTS.get(match[1], match[1]), ""), match[2]
+        if not option.startswith("--") or option in ("--free", "--limit", "--set"):  # these are followed by NAME=VALUE
+            return match[0]
+        if value.startswith("{"):
+            return " ".join(f"{option} {name}={number}" for name, number in re.findall(r"'([^']+)': ([^,}]+)", value))
+        values = [quoted or plain for quoted, plain in re.findall(r"'([^']+)'|([-+.\w]+)", value)]
+        return f"{option} {'none' if value == '()' else ','.join(values).removeprefix('True')}".rstrip()
 
-    return re.sub(rf"(?<![\w#&])({names})=(?!LINK|X,Y,Z)(\([^)]*\)|'[^']*'|[^ ,;)]*)", join, words)
-
-
-def name_robot_options(words: str) -> str:
-    """Return a message about the file of a robot with options in place of Python arguments."""
-    held = re.compile(r"values=\{([^}]*)\}")
-    words = held.sub(lambda match: re.sub(r"'([^']+)': ", r"--hold \1=", match[1]).replace(", --", " --"), words)
-    for python, typed in (("package_dirs=, on the command line --package-dir", "--package-dir"),
-                          ("srdf=, or shapes.with_apart", "--srdf FILE"),
-                          ("a file, or shapes.with_part", "files in STL or OBJ")):  # fmt: skip
+    for python, typed in PHRASES.items():
         words = words.replace(python, typed)
-    return name_options(words, "tip|base|gravity|without_shape")
+    return re.sub(r"(?<![\w#&'])(\w+)=(\([^)]*\)|\{[^}]*\}|'[^']*'|[^ ,;:)]*)", join, words)
 
 
 # ---------------- commands as dataclasses of their options
@@ -199,27 +206,19 @@ def add_command(group: typer.Typer, name: str, kind: type[Command], example: str
             error.args = (f"{typed}: {error}" if typed else str(error),)
             raise
         except InvalidInput as error:
-            typed = name_typed(kind, given, error.argument, error.got)
-            if typed:
-                error.args = (f"{typed}{str(error).removeprefix(error.argument)}",)
-            if error.argument != "values":  # --hold is in the file's units
-                error.args = (translate(str(error)),)
+            typed = name_typed(kind, given, error.argument, error.got) or error.argument
+            words = name_options if error.argument == "values" else translate  # --hold is in the file's units
+            got, expected, advice = map(words, (error.got, error.expected, error.advice))
+            error.args = InvalidInput(typed, got, expected, advice=advice).args
             raise
 
+    for each in fields(kind):
+        OPTIONS.setdefault(each.name, _as_typed(each.name, each.metadata))
     run.__signature__ = Signature(_list_parameters(kind))  # type: ignore[attr-defined] # Typer reads it
     run.__annotations__ = {}
     epilog = f"Example: `optik {example}`"
     parser = type(kind.__name__, (CommandParser,), {"kind": kind})
     group.command(name, cls=parser, help=kind.__doc__, epilog=epilog, **settings)(run)
-
-
-LIBRARY_NAMES = {
-    "IK method": "solver", "time law": "timing", "limit": "limit", "freedom": "free", "file format": "format",
-    "limits.tool_speed": "tool_speed", "limits.rotation_speed": "rotation_speed", "target": "xyz", "q": "q_deg",
-    "angle": "angle_deg", "data": "set_", "goal": "set_", "robot": "name", "drive": "on", "search": "avoid",
-    "extra": "limit", "peer": "name", "scene.margin": "margin", "package_dirs": "package_dir",
-}  # fmt: skip
-"""Arguments of the library, and kinds of names, that a command has under another name."""
 
 
 def name_typed(kind: type[Command], given: dict[str, Any], argument: str, got: str) -> str:
@@ -230,15 +229,17 @@ def name_typed(kind: type[Command], given: dict[str, Any], argument: str, got: s
         named = [name for name, value in given.items() if value is not None and str(value) and str(value) in words]
         argument = named[0] if len(named) == 1 else argument
     elif argument not in known and f"{argument}s" not in known:
-        argument = LIBRARY_NAMES.get(argument, argument)
+        argument = ARGUMENTS.get(argument, argument)
     if argument == "on" and "on" not in known:
         argument = "drive"
-    if argument not in known:
-        return ""
-    metavar = getattr(known[argument]["typer"], "metavar", None)
-    if "flag" not in known[argument]:
-        return str(metavar).strip("[]")
-    return known[argument]["flag"] or f"--{argument.replace('_', '-')}"
+    return _as_typed(argument, known[argument]) if argument in known else ""
+
+
+def _as_typed(name: str, metadata: Mapping[str, Any]) -> str:
+    """Return the option or argument of a field as typed."""
+    if "flag" not in metadata:
+        return str(metadata["typer"].metavar).strip("[]")
+    return metadata["flag"] or f"--{name.replace('_', '-')}"
 
 
 def _list_parameters(kind: Any) -> list[Parameter]:
@@ -355,7 +356,7 @@ class FileCommand(JsonCommand):
             package_dirs=None if self.package_dir is None else [self.package_dir], srdf=self.srdf,
         )  # fmt: skip
         if arm.source.endswith(TIP_ADVICE):
-            err_console.print(name_robot_options(arm.source), soft_wrap=True)
+            err_console.print(name_options(arm.source), soft_wrap=True)
         return arm
 
 

@@ -99,8 +99,8 @@ URDF = (".urdf", ".xml", ".xacro")
 URDF_OPTIONS = {"tip", "base", "gravity", "shapes", "packages", "srdf", "without_shape", "hold"}
 """Options that may follow the path of a URDF."""
 URDF_SYNTAX = (
-    "options of a URDF, joined by &: tip=LINK, base=LINK, gravity=X,Y,Z, shapes=yes, packages=FOLDER, srdf=FILE, "
-    "without_shape=LINK, hold=JOINT:VALUE"
+    "options of a URDF, any of: #tip=LINK&base=LINK&gravity=X,Y,Z&shapes=yes&packages=FOLDER&srdf=FILE"
+    "&without_shape=LINK&hold=JOINT:VALUE"
 )
 """Syntax of these options, for messages."""
 
@@ -157,7 +157,7 @@ def expand_xacro(file: Path, arguments: Mapping[str, str], packages: Folders = N
             missing = re.search(r"Package not found: ([-\w]+)", str(error))
             folder = missing and find_package(missing[1], file.absolute().parent, folders)
             if not missing or folder is None:
-                advice = "name the folder of its package (package_dirs=, on the command line --package-dir)"
+                advice = "name the folder of its package (package_dirs=)"
                 got, expected = f"{file.name}: {words}", "a xacro file that can be expanded"
                 raise InvalidInput("robot", got, expected, advice=advice if missing else "") from error
             known.update_package_cache({missing[1]: folder})

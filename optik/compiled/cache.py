@@ -245,7 +245,7 @@ class KernelCache(_Cache):  # type: ignore[misc]
                         return rebuild(target_context, *found)
         if os.environ.get("OPTIK_COMPILES") == "error":
             raise RuntimeError(
-                f"OPTIK_COMPILES=error forbids to compile {self._stem()}{sig}: run `optik kernels --compile`, or unset it"
+                f"OPTIK_COMPILES=error forbids to compile {self._stem()}{sig}: see the command `optik kernels`, or unset it"
             )
         return None
 

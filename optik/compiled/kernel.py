@@ -27,7 +27,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 QUIET_SECONDS = 2.0
 """Time of compilation after which a process says that it compiles [s]."""
 FIRST_USE = (
-    "optik: compiling on first use, about a minute; later runs use the cache (in advance: `optik kernels --compile`)"
+    "optik: compiling on first use, about a minute; later runs use the cache (in advance: the command `optik kernels`)"
 )
 """The line of a notebook, an editor or a log, once in a process."""
 

@@ -336,7 +336,7 @@ def check_allowed(used: Iterable[UsedPlugin], allowed: bool) -> None:
     sources = {source for *_, source in used if isinstance(source, Path)}
     files = sorted(str(source) for source in sources if source.suffix.lower() in CODE)
     if files and not allowed:
-        expected = "--allow-plugins (allow_plugins=True): the suite runs Python code from these files"
+        expected = "allow_plugins=True: the suite runs Python code from these files"
         raise InvalidInput("suite", f"the plug-ins {', '.join(files)}", expected)
 
 
@@ -358,7 +358,7 @@ def check_same_plugins(recorded: Sequence[Mapping[str, str]], now: Sequence[Mapp
     before, after = ({(row["group"], row["name"]): row for row in rows} for rows in (recorded, now))
     for key in sorted(before.keys() | after.keys()):
         if _content(before.get(key)) != _content(after.get(key)):
-            advice = "restore it, or use another --out"
+            advice = "restore it, or begin a run in another folder"
             expected = f"{_words(before.get(key))}, as when the run began; {advice}"
             what = f"file {key[1]}" if key[0] == DATA else f"plug-in {key[1]} ({key[0]})"
             raise InvalidInput(what, _words(after.get(key)), expected)

@@ -314,7 +314,7 @@ def show_recorded(data: Mapping[str, Any]) -> Show:
 
 def _show_execution(data: Mapping[str, Any]) -> Show:
     if "plan" not in data or "setpoints" not in data:
-        expected = "one of a motion that was sent, written by `optik drive --out`"
+        expected = "one of a motion that was sent, written by `optik drive`"
         raise InvalidInput("PLAN", "an execution without a motion", expected)
     motion = from_plain(data["plan"])
     n, sent = motion.robot.n, read_record(data["setpoints"], ("t", "q"), "setpoints", optional=("dq", "ddq"))
@@ -337,7 +337,7 @@ def _show_execution(data: Mapping[str, Any]) -> Show:
 def _show_failed_plan(data: Mapping[str, Any]) -> Show:
     missing = [key for key in ("robot", "path", "status", "reason", "advice", "t", "q") if key not in data]
     if missing:
-        raise InvalidInput("PLAN", f"no {missing[0]}", "a failed plan, written by `optik plan … --out-failed`")
+        raise InvalidInput("PLAN", f"no {missing[0]}", "a failed plan, written by `optik plan`")
     robot = Robot.from_dict(data["robot"])
     path = path_of(data["path"], robot)
     status, reason, advice = (read_word(data[key], key) for key in ("status", "reason", "advice"))

@@ -60,7 +60,7 @@ as its initial guess."""
 DRIFT_BELOW = 1e-4
 """Smallest singular value below which a tolerance of 1e-6 lets the joints drift by `SAME_BRANCH` / 2 and more, so that the
 next sample starts at the tracked configuration."""
-AROUND_ADVICE = "another goal; or avoid=True (--avoid), which searches a way around"
+AROUND_ADVICE = "another goal; or avoid=True, which searches a way around"
 """What to try if a path of joints is in collision."""
 
 

@@ -69,7 +69,7 @@ class Freedom:
             raise InvalidInput(self.name, repr(value)[:60], allowed)
         most = check_number(value, self.name, allowed, above=0.0)
         if self.round and self.unit == "rad" and most > np.pi:
-            raise InvalidInput(self.name, f"{most:g} rad", "at most π")
+            raise InvalidInput(self.name, most, "at most π", unit="rad")
         return -most, most
 
 

@@ -121,7 +121,7 @@ class Arc(Path):
             raise InvalidInput("axis", "a vector of length 0", "a direction")
         check_number(angle, "angle", "a finite angle")
         if not 0.0 < abs(angle) <= 2.0 * pi * MOST_TURNS:
-            raise InvalidInput("angle", f"{angle:.6g} rad", f"an angle other than 0, of at most {MOST_TURNS} turns")
+            raise InvalidInput("angle", angle, f"an angle other than 0, of at most {MOST_TURNS} turns", unit="rad")
         unit = direction / size
         unit /= np.copysign(np.linalg.norm(unit), angle)
         outward = first[:3, 3] - point

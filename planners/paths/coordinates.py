@@ -64,7 +64,7 @@ def frees_rotation(path: Path, bounds: Mapping[str, Bounds]) -> bool:
     if bounds.get("tilt", (0.0, 0.0))[1] < np.inf:
         return False
     if bounds.get("turn") != (-np.inf, np.inf):
-        expected = "turn=True, tilt=True (--free turn,tilt), of which only the tool's point follows; or a half-angle"
+        expected = "turn=True, tilt=True, of which only the tool's point follows; or a half-angle"
         raise InvalidInput("tilt", "True without turn=True", expected)
     if len(bounds) > 2:
         others = ", ".join(sorted(bounds.keys() - {"turn", "tilt"}))

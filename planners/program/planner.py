@@ -346,9 +346,7 @@ def reconfigure(
     if count > most:
         at = ", ".join(f"{s:.4g}" for s in made.cuts)
         some = f"{count} reconfiguration{'s' if count > 1 else ''}, at s = {at} {path.unit}"
-        advice = (
-            f"reconfigurations={count} (--reconfigurations {count}): a way with {some}, was found, which stops there"
-        )
+        advice = f"reconfigurations={count}: a way with {some}, was found, which stops there"
         return replace(failed, failure=replace(failed.failure, advice=f"{advice}; or {failed.failure.advice}"))
     ways = resolver.relax([part for part in found[0] if len(part.s) > 1])
     last = failed

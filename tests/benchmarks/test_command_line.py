@@ -288,7 +288,7 @@ def test_one_line_says_which_tip_was_taken_or_how_to_take_one(typed: Any, tmp_pa
         2, f"error: robot 'two' in {arm}: possible tips are tip (1 joint), ee (1 joint); for the first: --tip tip\n"
     )  # fmt: skip
     assert "--tip hand names no link" in typed("fk", "0", "-r", str(arm), "--tip", "hand")[2]
-    assert "tip=LINK, base=LINK" in typed("fk", "0", "-r", f"{arm}#end=tip")[2]  # these follow a path
+    assert "#tip=LINK&base=LINK" in typed("fk", "0", "-r", f"{arm}#end=tip")[2]  # these follow a path
 
 
 def test_a_joint_beside_the_arm_is_held_and_one_that_cannot_be_is_named(typed: Any, tmp_path: Path) -> None:
@@ -391,6 +391,15 @@ def test_messages_are_in_degrees_millimetres_and_options() -> None:
     advice = "timing='optimal' with tool_speed=0.25, which slows; a law with tool_speed= or rotation_speed= as limits"
     assert translate(advice) == (
         "--timing optimal with --tool-speed 0.25, which slows; a law with --tool-speed or --rotation-speed as limits"
+    )
+    assert translate("reconfigurations=2: a way; avoid=True, which searches; (package_dirs=)") == (
+        "--reconfigurations 2: a way; --avoid, which searches; (--package-dir)"
+    )
+    assert translate("hold joints (values={'grip': 0.5, 'b c': -1}), without_shape=('a', 'b')") == (
+        "hold joints (--hold grip=0.5 --hold b c=-1), --without-shape a,b"
+    )
+    assert translate("got 'jerk=1'; arm.urdf#tip=LINK&base=LINK; [1, 2] rad/s, [1, 2] m/s") == (
+        "got 'jerk=1'; arm.urdf#tip=LINK&base=LINK; [1, 2] rad/s, [1, 2] m/s"
     )
     assert translate("within its time_limit: a longer one") == "within its --time-limit: a longer one"
     assert translate("'j0' [-1, 1] rad; with_limits sets them") == "'j0' [-57.3, 57.3]°; only <limit> is read"

@@ -165,7 +165,10 @@ def test_a_free_path_avoids_obstacles_in_rounds(typed: Any, wall: str) -> None:
         (("--free", "turn=a"), "--free: expected turn, turn=90 or turn=-90:45 [degrees]"),
         (("--free", "turn=30:10"), "the lower bound first; got 'turn=30:10'"),
         (("--free", "turn=1:2:3"), "turn=-90:45 [degrees]"),
-        (("--free", "tilt"), "turn=True, tilt=True (--free turn,tilt)"),
+        (
+            ("--free", "tilt"),
+            "--free: expected --free turn,tilt, of which only the tool's point follows; or a half-angle; got tilt without turn",
+        ),
         (("--free", "tilt=-5:5"), "tilt=RADIUS above 0, at most 180 [degrees]"),
         (("--free", "turn", "--free", "turn=9"), "turn twice"),
         ((*PANDA, "--free", "elbow=10:20"), "elbow=0 inside; got 'elbow=10:20'"),

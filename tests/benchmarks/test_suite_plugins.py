@@ -104,6 +104,6 @@ def test_a_suite_that_was_only_looked_at_is_not_run(tmp_path: Path) -> None:
     (tmp_path / "looked_at.py").write_text(MARK)
     block = 'id = "a"\nrobot = "paper6r"\nset = "random_reachable"\nmethods = [{ solver = "./looked_at.py" }]\n'
     (tmp_path / "look.toml").write_text(f"[[budgets]]\n{block}")
-    with pytest.raises(InvalidInput, match="--allow-plugins"):
+    with pytest.raises(InvalidInput, match="allow_plugins=True"):
         run_suite(load_suite(str(tmp_path / "look.toml")), tmp_path / "run")
     assert ran(tmp_path) == []

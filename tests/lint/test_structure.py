@@ -1,6 +1,8 @@
 """The structure: what importing costs, how a file in a folder becomes a name, and the errors."""
 
+import ast
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -238,6 +240,18 @@ def test_every_kind_of_error_is_in_the_list_above():
 
     ours = {k for k in kinds(OptikError) if k.__module__ == "optik.errors"} - {OptikError}
     assert {type(e) for e in ERRORS} == ours
+
+
+@pytest.mark.parametrize("package", ["optik", "planners"])
+def test_no_sentence_of_a_library_names_an_option_of_the_command_line(package):
+    found = []
+    for file in (REPOSITORY / package).rglob("*.py"):
+        tree = ast.parse(file.read_text(encoding="utf-8"))
+        skipped = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}  # docstrings
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in skipped:
+                found += [f"{file.name}: {word}" for word in re.findall(r"(?<![\w(-])--[a-z][\w-]*", node.value)]
+    assert found == []
 
 
 def test_every_listed_mutant_matches_the_source_once():

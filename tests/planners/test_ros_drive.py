@@ -81,7 +81,7 @@ def test_a_dry_run_checks_everything_and_sends_nothing(port, plan):
     with drive.transport:
         dry = drive.execute(plan)
         assert (dry.status, dry.motion) == ("dry_run", None)
-        assert "points of 4.0004 s to ws://127.0.0.1" in dry.reason and "--execute" in dry.advice
+        assert "points of 4.0004 s to ws://127.0.0.1" in dry.reason and dry.advice == "execute=True sends it"
         time.sleep(0.2)
         np.testing.assert_array_equal(drive.measure(), plan.trajectory(0.0))  # and the arm stands where it stood
 

@@ -92,7 +92,7 @@ class MeshFolders:
         if outside:
             expected = "a mesh below the folder of the description or below package_dirs"
             raise InvalidInput(what, f"the mesh {name[:120]!r}, which lies elsewhere", expected)
-        asked = "; name the folder of its package (package_dirs=, on the command line --package-dir)"
+        asked = "; name the folder of its package (package_dirs=)"
         hint = asked if scheme in ("package", "model") and separator else ""
         raise InvalidInput(what, f"the mesh {name[:120]!r}, which does not exist{hint}", "an existing file")
 

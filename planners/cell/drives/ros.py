@@ -241,7 +241,7 @@ def _describe_message(plan: Plan, message: dict[str, Any], address: str) -> tupl
         f"nothing was sent: {len(message['points'])} points of {plan.trajectory.end:.6g} s to {address}, for the joints "
         f"{', '.join(message['joint_names'])}, from ({first}) to ({last}) [rad, m]"
     )
-    return what, "execute=True sends it (--execute on the command line)"
+    return what, "execute=True sends it"
 
 
 METHOD = RosDrive
