@@ -85,6 +85,12 @@ class BlockRows:
         known = self.facts.get("entries", {})
         return {label: known[label] for label in self.block.labels if label in known}
 
+    @cached_property
+    def by_method(self) -> dict[str, pl.DataFrame]:
+        """Rows of every method that has some, in the order of the suite."""
+        parts = self.rows.partition_by("method", as_dict=True)
+        return {label: parts[(label,)] for label in self.block.labels if (label,) in parts}
+
     def table(self, name: str) -> pl.DataFrame | None:
         """Return another table of the block than its rows; None if it was not written."""
         return self.folder.read(rows_file(self.kind, self.block.id, f"{name}.parquet"))

@@ -13,20 +13,20 @@ import pydantic
 from numpy.typing import NDArray
 
 from benchmarks.blocks.base import TEXT, WHOLE, BlockRows, Field, Kind, Session, Shard, Work, chunks, fields_of
-from benchmarks.blocks.block import Entry
+from benchmarks.blocks.block import Entry, count_of
 from benchmarks.blocks.contest import reseed
 from benchmarks.blocks.entries import (
     JUDGED_AT,
     BudgetedMethod,
     ProblemBlock,
     need_problems,
-    rate,
     store_problems,
     within,
 )
 from benchmarks.problems.base import ProblemSet
 from benchmarks.records import slug
 from benchmarks.settings import Budgets, Entries, Flag, key, naming
+from benchmarks.statistics import percentage
 from optik.arm.library import load
 from optik.arm.robot import Robot
 from optik.ik import IKResult, IKStatus, make_solver
@@ -81,7 +81,7 @@ def succeeded(tolerance: float) -> pl.Expr:
 
 def success(rows: pl.DataFrame, tolerance: float) -> tuple[float, float, float]:
     """Return the percentage of successes and its Wilson 95 % interval."""
-    return rate(rows, succeeded(tolerance))
+    return percentage(count_of(rows, succeeded(tolerance)), len(rows))
 
 
 @dataclass(frozen=True)

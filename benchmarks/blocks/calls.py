@@ -147,12 +147,6 @@ def timed_by_first_round(rows: pl.DataFrame) -> pl.DataFrame:
 class CallRows(BlockRows):
     """A block of single calls with its rows; methods without rows are among its entries."""
 
-    @cached_property
-    def by_method(self) -> dict[str, pl.DataFrame]:
-        """Rows of every method that has some, in the order of the suite."""
-        parts = {str(label): part for (label,), part in self.rows.partition_by("method", as_dict=True).items()}
-        return {label: parts[label] for label in self.entries if label in parts}
-
     @property
     def unreachable(self) -> bool:
         """Whether all problems of the block are proved unsolvable; then there is no winner."""

@@ -13,12 +13,11 @@ import polars as pl
 from pydantic import AfterValidator, model_validator
 
 from benchmarks.blocks.base import NUMBER, TEXT, TRUTH, WHOLE, Field, Kind, Session, Shard, Trials, chunks, fields_of
-from benchmarks.blocks.block import Column, Entry, largest, mean, median, quantile
+from benchmarks.blocks.block import Column, Entry, largest, mean, median, quantile, share
 from benchmarks.blocks.contest import trial_seed
 from benchmarks.blocks.entries import BudgetedMethod, ProblemBlock, arm_with, store_problems
 from benchmarks.problems.base import ProblemSet
 from benchmarks.settings import Budgets, Count, Entries, Flag, LawName, Settings, Three, key, naming, numbered, one_of
-from benchmarks.statistics import percentage
 from optik import se3
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput, NoSolution
@@ -49,20 +48,12 @@ AXES = ("x", "y", "z")
 """Suffixes of columns for the axes of the base frame."""
 
 
-def within(rows: pl.DataFrame) -> pl.Series:
-    """Return whether each executed tool is within the paper's accuracy on each axis; false without an execution."""
-    found = rows.select(ok=pl.max_horizontal(*(pl.col(f"error_{a}").abs() for a in AXES)) <= WITHIN_M)["ok"]
-    return found.fill_null(False)
-
-
-def share_within(rows: pl.DataFrame) -> tuple[float, float, float]:
-    """Return the percentage of trials within the paper's accuracy on each axis, with its Wilson 95 % interval."""
-    ok = within(rows)
-    return percentage(int(ok.sum()), len(ok))
+WITHIN = share((pl.max_horizontal(*(pl.col(f"error_{a}").abs() for a in AXES)) <= WITHIN_M).fill_null(value=False))
+"""Percentage of trials within the paper's accuracy on each axis, with its Wilson 95 % interval."""
 
 
 MEASURES = (
-    Column("within_2mm", "within 2 mm on each axis", "%", show="share", of=share_within),
+    Column("within_2mm", "within 2 mm on each axis", "%", show="share", of=WITHIN),
     Column("median_error_mm", "median position error", "mm", of=median("position_error", 1e3)),
     Column("p95_error_mm", "95th percentile of the position error", "mm", of=quantile("position_error", 0.95, 1e3)),
     Column("worst_servo_mm", "largest servo error at the end", "mm", of=largest("servo_error", 1e3)),

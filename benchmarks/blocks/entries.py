@@ -29,7 +29,6 @@ from benchmarks.settings import (
     named,
     naming,
 )
-from benchmarks.statistics import percentage
 from optik.arm.inertia import payload_masses
 from optik.arm.library import load
 from optik.arm.robot import Robot
@@ -312,11 +311,6 @@ def solved_at(tolerance: float) -> pl.Expr:
 def within(tolerance: float) -> pl.Expr:
     """Say whether BOTH errors of a row are within a tolerance."""
     return (pl.col("position_error") <= tolerance) & (pl.col("rotation_error") <= tolerance)
-
-
-def rate(rows: pl.DataFrame, condition: pl.Expr) -> tuple[float, float, float]:
-    """Return the percentage of the rows that meet a condition, with its Wilson 95 % interval."""
-    return percentage(int(rows.select(condition.sum()).item()) if len(rows) else 0, len(rows))
 
 
 def shared(rows: pl.DataFrame, labels: tuple[str, ...] | None = None) -> pl.DataFrame:

@@ -10,7 +10,7 @@ import polars as pl
 
 from benchmarks.blocks.base import BlockRows
 from benchmarks.blocks.block import Of, count, largest, median
-from benchmarks.blocks.cell import AXES, WITHIN_M, Noise, share_within
+from benchmarks.blocks.cell import AXES, WITHIN, WITHIN_M, Noise
 from benchmarks.experiments.claims import executed_claims
 from benchmarks.records import slug
 from benchmarks.report.base import QUESTION, KindReport, Run, Section
@@ -74,7 +74,7 @@ def _mm(column: str, level: float = 0.5) -> Of:
 SPOT_COLUMNS = (
     Column("label", "Method", show="text"),
     Column("budget", "iterations", show="text"),
-    Column("within", "within 2 mm on each axis", "%", "more", "share", of=share_within),
+    Column("within", "within 2 mm on each axis", "%", "more", "share", of=WITHIN),
     Column("count", "trials", show="count", of=len),
     Column("error", "median error", "mm", "less", of=_mm("position_error")),
     Column("p95", "p95 error", "mm", "less", of=_mm("position_error", 0.95)),

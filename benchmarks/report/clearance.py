@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import polars as pl
 
 from benchmarks.blocks.base import BlockRows
 from benchmarks.blocks.clearance import MEASURES, PROOF
@@ -60,7 +59,7 @@ def findings(run: Run) -> Sequence[str]:
 
 def _sentence(b: BlockRows) -> str:
     words, contacts, motions = [], 0, 0
-    for label, rows in _by_method(b):
+    for label, rows in b.by_method.items():
         contacts, motions = int(rows["contact"].sum()), len(rows)
         ms = number(float(np.median(rows["ms"].to_numpy())))
         undecided = int((rows["says"] == "undecided").sum())
@@ -70,13 +69,8 @@ def _sentence(b: BlockRows) -> str:
     return f"{b.block.title}: {asked}: {'; '.join(words)}."
 
 
-def _by_method(b: BlockRows) -> list[tuple[str, pl.DataFrame]]:
-    found = [(label, b.rows.filter(pl.col("method") == label)) for label in b.block.labels]
-    return [(label, rows) for label, rows in found if not rows.is_empty()]
-
-
 def _table(b: BlockRows) -> Table:
-    groups = [({"label": label}, rows) for label, rows in _by_method(b)]
+    groups = [({"label": label}, rows) for label, rows in b.by_method.items()]
     note = (
         f"{b.rows['problem'].n_unique():,} motions of {b.block.robot}. Rates have Wilson's 95 % intervals. "
         "Collision-free motions take longest: sampling stops at the first contact."
@@ -88,7 +82,7 @@ def _table(b: BlockRows) -> Table:
 
 def _board(blocks: Sequence[BlockRows], run: Run) -> Board:
     """Plot missed contacts against the time of a motion, and the distribution of times."""
-    each = [(int(rows["missed"].sum()), int(rows["contact"].sum())) for b in blocks for _, rows in _by_method(b)]
+    each = [(int(rows["missed"].sum()), int(rows["contact"].sum())) for b in blocks for rows in b.by_method.values()]
     most = max((percentage(*pair)[2] for pair in each if pair[1]), default=100.0)
     missed = figure(
         "clearance-missed", "Missed contacts against the time of a motion",
@@ -99,10 +93,10 @@ def _board(blocks: Sequence[BlockRows], run: Run) -> Board:
         "clearance-times", "Motions judged within this time", ticked_axis("time [ms]", TIME_TICKS), "motions",
         "%{y:.3~g} % within %{x:.3g} ms",
         [Sample(label, rows["ms"], run.look(label), {"scene": [b.block.title]})
-         for b in blocks for label, rows in _by_method(b)], 400,
+         for b in blocks for label, rows in b.by_method.items()], 400,
     )  # fmt: skip
     for b in blocks:
-        for label, rows in _by_method(b):
+        for label, rows in b.by_method.items():
             contacts = int(rows["contact"].sum())
             if contacts:
                 share, low, high = percentage(int(rows["missed"].sum()), contacts)

@@ -41,7 +41,7 @@ UNSOLVED_COLUMNS = tuple(
 
 
 def _by_method(b: BlockRows) -> list[tuple[str, pl.DataFrame]]:
-    found = [(label, b.rows.filter(COUNTED, pl.col("method") == label)) for label in b.block.labels]
+    found = [(label, rows.filter(COUNTED)) for label, rows in b.by_method.items()]
     return [(label, rows) for label, rows in found if not rows.is_empty()]
 
 

@@ -10,9 +10,9 @@ import numpy as np
 import polars as pl
 
 from benchmarks.blocks.base import BlockRows
-from benchmarks.blocks.block import median
+from benchmarks.blocks.block import measure_named
 from benchmarks.blocks.entries import JOINT_LIMITS
-from benchmarks.blocks.timing.rows import in_group
+from benchmarks.blocks.timing.rows import MEASURES, in_group
 from benchmarks.blocks.timing.settings import GIVEN_LINE, LINE_KINDS, LawBlock, LimitSet
 from benchmarks.report.base import KindReport, Run, Section, Winner
 from benchmarks.report.page import ranked
@@ -87,7 +87,8 @@ def _medians(b: BlockRows) -> str:
         if off:
             keeps += f", leaves the path on {off:,} of {len(rows):,}"
         asked = every["line"].n_unique()
-        middle, ms = (median(column)(every) for column in ("over_optimum", "ms_law"))
+        middle = measure_named(MEASURES, "median_optimum", "measure").value(every)
+        ms = measure_named(MEASURES, "median_ms", "measure").value(rows)
         given = f" on {asked:,} motions" if asked < lines else ""
         words.append(f"{label} {number(middle, 4)} T*{given} ({keeps}, {number(ms)} ms)")
     if not words:
