@@ -205,7 +205,7 @@ def advise_contact(robot: Robot, scene: Scene, pair: tuple[str, str], other: str
     room, which = np.empty(len(q)), np.empty(len(q), np.int64)
     rooms_batch(robot.axes.chain, (capsules, arrays, of, hulls), q, scene.margin, room, which)
     one, second = pair
-    apart = "leave the pair out, if it cannot collide (srdf=, or shapes.with_apart)"
+    apart = f"leave out ({one!r}, {second!r}), if they cannot collide (srdf=, or shapes.with_apart)"
     remedy = apart if SELF in of[:, 2] else "this pair in scene.allow, if it may be in contact"
     if (room <= 0.0).all():
         return f"{one} and {second} are in contact in each of {len(q)} sampled configurations: {remedy}"
