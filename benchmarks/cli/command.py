@@ -1,4 +1,4 @@
-"""Commands as dataclasses of their options, and errors of the parser and of the library as one line for who types."""
+"""Commands as dataclasses of their options, and one-line error messages of the command line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Analysis of a motion: what several parts of a certificate need, each computed once, and the checks of its parts."""
+"""Analysis of a motion: quantities that several parts of a certificate need, each computed once, and checks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Retargeted: the motion onto another target, how it relates to it, and what is proved of it."""
+"""Retargeted: the motion to a new target, its relation to the target, and its certificate."""
 
 from __future__ import annotations
 

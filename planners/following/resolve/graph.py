@@ -1,4 +1,4 @@
-"""The layered graph: configurations at positions along a path, edges that can be followed, cheapest sequences, relaxed."""
+"""Layered graph of configurations along a path: edges that can be followed, cheapest sequences, and their relaxation."""
 
 from __future__ import annotations
 
