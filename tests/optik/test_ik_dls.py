@@ -24,7 +24,7 @@ seeds = st.integers(0, 10**6)
 def problems(name, count, seed, spread=0.1):
     """Targets with a known solution, and starts so far from it, clamped to the limits."""
     rng, arm = np.random.default_rng(seed), oracles.table(name)
-    solution = rng.uniform(arm.lower, arm.upper, (count, arm.n))
+    solution = rng.uniform(*oracles.span(arm), (count, arm.n))
     start = np.clip(solution + rng.normal(0.0, spread, solution.shape), arm.lower, arm.upper)
     return [oracles.fk(arm, q) for q in solution], start
 
