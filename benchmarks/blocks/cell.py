@@ -378,7 +378,7 @@ class SpotTrials(Trials):
     given: tuple[tuple[bool, ...], ...] = field(kw_only=True)
     pictured: tuple[int, ...] = field(kw_only=True)
 
-    def asked(self) -> Iterator[tuple[int, Entry, int | None]]:
+    def executions(self) -> Iterator[tuple[int, Entry, int | None]]:
         """Return the executions of the shard: index of the spot, method, and budget."""
         for i in range(len(self.numbers)):
             for method, given in zip(self.block.methods, self.given[i], strict=True):
@@ -453,13 +453,13 @@ class Spots(Kind):
 
     def keys(self, trials: SpotTrials) -> Iterator[dict[str, Any]]:  # type: ignore[override]
         """Yield the fields that identify each execution."""
-        return (trials.about(*asked) for asked in trials.asked())
+        return (trials.about(*asked) for asked in trials.executions())
 
     def solve(self, trials: SpotTrials) -> Iterator[dict[str, Any]]:  # type: ignore[override]
         """Execute the trials."""
         made = [trial_of(trials.block, trials.seed, problem, trials.repeat) for problem in trials.numbers]
-        shown = [_Shown(trials, i, trial) for i, trial in enumerate(made)]
-        return (trials.about(i, method, k) | shown[i].executed(method, k) for i, method, k in trials.asked())
+        shown = [_SpotExecutions(trials, i, trial) for i, trial in enumerate(made)]
+        return (trials.about(i, method, k) | shown[i].executed(method, k) for i, method, k in trials.executions())
 
 
 def budgets_of(block: CellBlock, method: Entry) -> tuple[int | None, ...]:
@@ -467,7 +467,7 @@ def budgets_of(block: CellBlock, method: Entry) -> tuple[int | None, ...]:
     return (None,) if method.whole else block.budgets
 
 
-class _Shown:
+class _SpotExecutions:
     """One measured spot and the executions of each method, with the same noise for all."""
 
     def __init__(self, work: SpotTrials, i: int, trial: Trial) -> None:
@@ -515,7 +515,7 @@ class _Shown:
         key = q.tobytes()
         if key not in self._before:
             planned = plan_through(self.robot, line, q, solver.name, self.work.block.law)
-            self._before[key] = self._executed(planned, q[-1])
+            self._before[key] = self._execute(planned, q[-1])
         return self._before[key]
 
     def _move(self, q: Array) -> dict[str, Any]:
@@ -524,9 +524,9 @@ class _Shown:
             return failure(self.work.block.drive, EXECUTED_TO_END, "the answer is the start: no motion") | errors_of(
                 split
             )
-        return self._executed(plan(self.robot, q, self.start, timing=self.work.block.law), q)
+        return self._execute(plan(self.robot, q, self.start, timing=self.work.block.law), q)
 
-    def _executed(self, planned: Plan, q: Array) -> dict[str, Any]:
+    def _execute(self, planned: Plan, q: Array) -> dict[str, Any]:
         """Execute a motion to a method's answer q (n,), and return its facts."""
         facts, execution = execute(self.work.block, planned, self._drive)
         if execution is None or not execution:

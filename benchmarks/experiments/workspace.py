@@ -128,7 +128,7 @@ def more_iterations(folder: RunFolder) -> Finding:
     rows = baseline(folder)
     if rows is None:
         return Finding("b", claim, UNTESTED, "The run has no workspace block with dls.", rule)
-    solved = _solved(rows).sort("distance")
+    solved = _select_solved(rows).sort("distance")
     if len(solved) < 10 * LEAST_IN_BIN:
         return Finding("b", claim, UNTESTED, f"Only {len(solved)} solved targets: too few to judge.", rule)
     rank = rank_over_distance(solved["distance"].to_numpy(), solved["iterations"].to_numpy(), "targets")
@@ -251,5 +251,5 @@ def _span(budgets: list[int]) -> str:
     return f"{budgets[0]}" if len(budgets) == 1 else f"{budgets[0]} to {budgets[-1]}"
 
 
-def _solved(rows: pl.DataFrame) -> pl.DataFrame:
+def _select_solved(rows: pl.DataFrame) -> pl.DataFrame:
     return rows.filter((pl.col("budget") == pl.col("budget").max()) & (pl.col("status") == "solved"))

@@ -361,7 +361,7 @@ MOST_BRANCHED = 6
 """Largest number of moving joints for finitely many solutions; with more, closed forms only sample them."""
 
 
-class Known(NamedTuple):
+class KnownSolutions(NamedTuple):
     """Known solutions of some targets."""
 
     q: Array  # (k, n) configurations inside the limits [rad, m]; NaN where none was found
@@ -373,18 +373,20 @@ class Known(NamedTuple):
         return np.asarray(np.isfinite(self.q).all(axis=1))
 
 
-def known_solutions(robot: Robot, targets: Array, starts: Array, *, restarts: int = REFERENCE_RESTARTS) -> Known:
+def known_solutions(
+    robot: Robot, targets: Array, starts: Array, *, restarts: int = REFERENCE_RESTARTS
+) -> KnownSolutions:
     """Find a configuration for each target: by `lm` with restarts, or else by `closed_form` among all branches.
 
     `lm` solves all targets as one batch, and proves those beyond the bound on the arm's reach unreachable. `closed_form`
     takes those that are left; arms with more than six moving joints, which have infinitely many branches, do without.
     """
     digests = tuple(hashlib.sha256(x.tobytes()).digest() for x in (targets, starts))
-    return _solved(_Asked((content(robot.to_dict()), digests, restarts), robot, targets, starts, restarts))
+    return _solve_request(_Request((content(robot.to_dict()), digests, restarts), robot, targets, starts, restarts))
 
 
 @dataclass(frozen=True)
-class _Asked:
+class _Request:
     """Arguments of `known_solutions`, compared by content."""
 
     key: Hashable
@@ -395,7 +397,7 @@ class _Asked:
 
 
 @lru_cache(maxsize=2)  # blocks of a suite share a set: the paper's workspace is solved once, not once for each of them
-def _solved(asked: _Asked) -> Known:
+def _solve_request(asked: _Request) -> KnownSolutions:
     """Return the known solutions, cached by arguments."""
     robot, targets, starts = asked.robot, asked.targets, asked.starts
     batch = make_solver(robot, "lm", max_restarts=asked.restarts).solve_batch(targets, starts)
@@ -406,7 +408,7 @@ def _solved(asked: _Asked) -> Known:
         branches = make_solver(robot, "closed_form").solve_batch(targets[left], starts[left])
         q[left[branches.solved]] = branches.q[branches.solved]
     q.flags.writeable = unreachable.flags.writeable = False
-    return Known(q, unreachable)
+    return KnownSolutions(q, unreachable)
 
 
 def searched(

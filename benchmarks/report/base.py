@@ -194,7 +194,7 @@ class Run:
         return self._tables[kind]
 
     @cached_property
-    def begun(self) -> list[BlockRows]:
+    def blocks_with_rows(self) -> list[BlockRows]:
         """All blocks that have rows."""
         return [b for found in self._read.values() for b in found]
 

@@ -211,7 +211,7 @@ def line(x: Any, y: Any, *, digits: int = 4, hover: str = "", **options: Any) ->
     """Return a line or markers in a plane, by rounded numbers; those with a name are in the legend."""
     import plotly.graph_objects as go
 
-    points = {"x": _rounded(x, digits), "y": _rounded(y, digits)}
+    points = {"x": _round_values(x, digits), "y": _round_values(y, digits)}
     return go.Scatter(points | _in_legend(hover, {"mode": "lines"} | options))
 
 
@@ -225,7 +225,7 @@ def line_3d(x: Any, y: Any, z: Any, *, digits: int = 4, hover: str = "", **optio
     """Return a line or markers in space, by rounded numbers."""
     import plotly.graph_objects as go
 
-    points = {name: _rounded(values, digits) for name, values in (("x", x), ("y", y), ("z", z))}
+    points = {name: _round_values(values, digits) for name, values in (("x", x), ("y", y), ("z", z))}
     return go.Scatter3d(points | _in_legend(hover, {"mode": "lines"} | options))
 
 
@@ -248,7 +248,7 @@ def _in_legend(hover: str, options: Json) -> Json:
     return ({"hovertemplate": hover + HOVER} if hover else {}) | {"showlegend": "name" in options} | options
 
 
-def _rounded(values: Any, digits: int) -> Any:
+def _round_values(values: Any, digits: int) -> Any:
     """Return rounded numbers; words, and None for what is not there, stay."""
     return values if values is None or any(isinstance(v, str) for v in values) else lean(values, digits)
 

@@ -81,7 +81,7 @@ def limitations(run: Run) -> dict[str, Any]:
     return {"items": items}
 
 
-def asked(run: Run) -> dict[str, Any] | None:
+def targets_section(run: Run) -> dict[str, Any] | None:
     """Return the acceptance targets of the suite with their outcomes."""
     found = run.outcomes
     if not found:
@@ -234,7 +234,7 @@ def failure_words(run: Run) -> str:
 CLOSING = (
     Section("The paper's claims", "claims", claims, _TEMPLATES / "claims.html.j2", 100),
     Section("Known limitations", "limitations", limitations, _TEMPLATES / "limitations.html.j2", 120),
-    Section("Acceptance targets", "asked", asked, order=125),
+    Section("Acceptance targets", "asked", targets_section, order=125),
     Section("Provenance", "provenance", provenance_section, _TEMPLATES / "provenance.html.j2", 130),
 )
 """Last sections of every page, for all kinds."""
@@ -286,14 +286,14 @@ WINNER_COLUMNS = (
 
 
 @dataclass(frozen=True)
-class Ranked:
+class Ranking:
     """The ranked methods, and the others with how many problems they were given, in words that end a note."""
 
     labels: tuple[str, ...]
     left_out: str
 
 
-def ranked(given: Mapping[str, int]) -> Ranked:
+def rank_methods(given: Mapping[str, int]) -> Ranking:
     """Rank methods that were given `RANKED_PROBLEMS`, or half the largest number: all are compared on the fewest of the ranked.
 
     Where that leaves fewer than two, all are ranked.
@@ -303,7 +303,7 @@ def ranked(given: Mapping[str, int]) -> Ranked:
     many = tuple(label for label in asked if given[label] >= min(RANKED_PROBLEMS, most / 2))
     labels = many if len(many) > 1 else asked
     out = [f"{quote_label(label)} ({count:,})" for label, count in given.items() if label not in labels]
-    return Ranked(labels, f"; not ranked (fewer problems): {', '.join(out)}" if out else "")
+    return Ranking(labels, f"; not ranked (fewer problems): {', '.join(out)}" if out else "")
 
 
 def most_solved(question: str, anchor: str, solved: Mapping[str, Flags], note: str) -> Winner:
@@ -330,7 +330,7 @@ class Place:
 
 
 @dataclass(frozen=True)
-class Won:
+class QuestionResult:
     """One question with its winner, as the page shows it."""
 
     asked: Winner
@@ -346,14 +346,14 @@ def winners(run: Run) -> list[Winner]:
     return [winner for kind in run.suite.kinds for winner in load_report(kind).winners(run) if winner.entries]
 
 
-def won(run: Run) -> list[Won]:
+def won(run: Run) -> list[QuestionResult]:
     """Return the winners as the first screen of the page shows them."""
     found = []
     for winner in winners(run):
         tied, second = _order(winner)
         other = None if second is None else _place(winner, second)
         level = (winner.entries[0][0], *(tied if len(tied) <= MOST_TIED else tied[: MOST_TIED - 1]))
-        found.append(Won(winner, _place(winner, 0), level, _remark(winner, tied), other))
+        found.append(QuestionResult(winner, _place(winner, 0), level, _remark(winner, tied), other))
     return found
 
 
@@ -405,7 +405,7 @@ def winners_table(run: Run) -> Table | None:
 
 def overview(run: Run) -> dict[str, Any]:
     """Return subjects, scope and key findings of the comparison."""
-    begun = [b.block for b in run.begun]
+    started = [b.block for b in run.blocks_with_rows]
     # A kind that says who wins has its findings in that table.
     shown = [load_report(kind) for kind in run.suite.kinds]
     own = [words for kind in shown if not kind.winners(run) for words in kind.findings(run)]
@@ -417,7 +417,7 @@ def overview(run: Run) -> dict[str, Any]:
         "created": run.manifest["provenance"].get("created", ""),
         "robots": [(short_name(name), _axes(run, name)) for name in run.suite.robots],
         "subjects": _subjects(run),
-        "missing": [block.title for _, block in run.suite.pairs() if block not in begun],
+        "missing": [block.title for _, block in run.suite.pairs() if block not in started],
         "findings": [words for words in own if words],
         "paper": {"title": PAPER_TITLE, "method": PAPER_METHOD, "verdict": _verdicts(run)} if run.on_paper else None,
         "won": won(run),

@@ -366,11 +366,11 @@ class Cluster(Pool):
         for name in ("distributed", "distributed.client"):  # losing a worker is not an error of the run
             logging.getLogger(name).setLevel(logging.CRITICAL)
         self._address, self._dask = address, distributed
-        self._client = self._connected()
+        self._client = self._connect()
         threads = sum(worker["nthreads"] for worker in self._client.scheduler_info(n_workers=-1)["workers"].values())
         super().__init__(self._client.get_executor(pure=False), PARTS_A_THREAD * max(threads, 1), recorded)
 
-    def _connected(self) -> Any:
+    def _connect(self) -> Any:
         """Return a client of a scheduler with workers."""
         try:
             security = self._dask.Security() if self._address.startswith("tls://") else None

@@ -96,7 +96,7 @@ def _with_session(sessions: list[dict[str, Any]], now: dict[str, Any]) -> list[d
 
 
 @contextmanager
-def begun(folder: RunFolder, manifest: dict[str, Any]) -> Iterator[Lock]:
+def begin_run(folder: RunFolder, manifest: dict[str, Any]) -> Iterator[Lock]:
     """Lock a folder and begin or resume a run in it, with its plug-ins; remove a run that fails before its first other file."""
     existed, fresh = folder.path.exists(), _is_empty(folder)
     try:
@@ -210,7 +210,7 @@ def run_suite(
     folder, manifest = RunFolder(out), new_manifest(suite, workers, command)
     resumed(folder, manifest)
     recorded = manifest["plugins"]
-    with closing(_pool(workers, executor, dask, part_timeout, recorded)) as pool, begun(folder, manifest) as lock:
+    with closing(_pool(workers, executor, dask, part_timeout, recorded)) as pool, begin_run(folder, manifest) as lock:
         run = _Run(suite, folder, lock, recorded, progress or (lambda done, total, what: None))
         with compiled_aside(suite) if isinstance(pool, Processes) else nullcontext():
             run.prepare()

@@ -74,7 +74,7 @@ class Equipment:
     base: Array
 
 
-class StepFailed(Exception):
+class StepFailure(Exception):
     """Raised inside a task when a step fails; it carries the status of the task."""
 
     def __init__(self, status: CellStatus) -> None:
@@ -120,10 +120,10 @@ class CellTask:
 
     def _fail(
         self, name: str, status: CellStatus, reason: str, advice: str, result: Any = None, since: float | None = None
-    ) -> StepFailed:
+    ) -> StepFailure:
         seconds = 0.0 if since is None else perf_counter() - since
         self.steps.append(Step(name, False, reason, advice, result, seconds))
-        return StepFailed(status)
+        return StepFailure(status)
 
     def run(self, spot: Spot) -> Outcome:
         """Move the tool to a spot as the unit read it, and correct the remaining error."""
@@ -134,7 +134,7 @@ class CellTask:
             self._reach()
             for _ in range(self.corrections):
                 self._correct()
-        except StepFailed as ended:
+        except StepFailure as ended:
             status = ended.status
         return self._outcome(status)
 
@@ -146,7 +146,7 @@ class CellTask:
             execution = self.cell.drive.resume(outcome.executions[-1], stop=self.stop, watch=self.watch)
             self._check_end(execution, since)
             self._measure_arrival(execution.plan, execution)
-        except StepFailed as ended:
+        except StepFailure as ended:
             status = ended.status
         return self._outcome(status)
 
@@ -268,7 +268,7 @@ class CellTask:
                 at = "" if "s = " in planned.failure.reason else f" (s = {planned.failure.s:.6g})"
                 reason = f"{planned.status}: {planned.failure.reason}{at}"
                 self.steps.append(Step(name, False, reason, planned.failure.advice, result, seconds))
-                raise StepFailed(CellStatus.NO_PLAN)
+                raise StepFailure(CellStatus.NO_PLAN)
             self.steps.append(Step(name, True, said, "", result, seconds))
 
     def _execute(self, planned: Plan, stop: StopRequest | None) -> Execution:

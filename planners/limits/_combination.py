@@ -82,17 +82,17 @@ class CombinationLimit(RecordLimit):
         return np.asarray(rows / np.array(limit.bound)[:, None])
 
     @staticmethod
-    def _mapped(motion: LimitedMotion, limit: Combination) -> Trajectory:
+    def _map(motion: LimitedMotion, limit: Combination) -> Trajectory:
         """Return the motion of the combinations."""
         return map_joints(motion.trajectory, np.array(limit.matrix))
 
     def piece_ratios(self, motion: LimitedMotion, limit: Combination) -> Array:
         """Return the ratios on each piece of a motion."""
-        return np.asarray(self._mapped(motion, limit).piece_worst(self.order) / np.array(limit.bound))
+        return np.asarray(self._map(motion, limit).piece_worst(self.order) / np.array(limit.bound))
 
     def judge(self, motion: LimitedMotion, limit: Combination) -> Extreme:
         """Return the exact peak values, their ratios and their times."""
-        found, limits = self._mapped(motion, limit).extrema(self.order), np.array(limit.bound)
+        found, limits = self._map(motion, limit).extrema(self.order), np.array(limit.bound)
         ratio = np.where(np.isfinite(limits), found.worst / limits, np.nan)
         if motion.jumps[: self.order].any():
             ratio = np.where(np.isfinite(limits), np.inf, np.nan)

@@ -14,7 +14,7 @@ from planners.limits.record import Record, check_optional, check_place
 
 
 @dataclass(frozen=True)
-class Held(Record):
+class FrictionHold(Record):
     """An object that is held by friction; see `Grip` and `Suction`."""
 
     friction: float = field(metadata={"unit": "1"})
@@ -32,7 +32,7 @@ class Held(Record):
         check_place(self, name)
 
 
-class HeldLimit(SpecificForceLimit):
+class FrictionHoldLimit(SpecificForceLimit):
     """Base of the limits on an object that is held by friction."""
 
     def scaled(self, value: Any, factor: float) -> Any:
@@ -41,7 +41,7 @@ class HeldLimit(SpecificForceLimit):
 
 
 @dataclass(frozen=True)
-class Grip(Held):
+class Grip(FrictionHold):
     """A grip of two fingers.
 
     Parameters
@@ -61,7 +61,7 @@ class Grip(Held):
     axis: tuple[float, float, float] = (0.0, 1.0, 0.0)
 
 
-class GripLimit(HeldLimit):
+class GripLimit(FrictionHoldLimit):
     """m |f_t| ≤ 2 μ F across the axis of the fingers, and m |f_n| ≤ F along it."""
 
     name: ClassVar[str] = "grip"

@@ -9,11 +9,11 @@ import numpy as np
 
 from optik.types import Array
 from planners.limits._specific_force import split_by_axis
-from planners.limits.grip import Held, HeldLimit
+from planners.limits.grip import FrictionHold, FrictionHoldLimit
 
 
 @dataclass(frozen=True)
-class Suction(Held):
+class Suction(FrictionHold):
     """A suction cup.
 
     Parameters
@@ -31,7 +31,7 @@ class Suction(Held):
     """
 
 
-class SuctionLimit(HeldLimit):
+class SuctionLimit(FrictionHoldLimit):
     """m |f_t| ≤ μ (F − m f_n), where f_n pulls the object from the cup."""
 
     name: ClassVar[str] = "suction"

@@ -28,7 +28,7 @@ def main() -> None:
             method, reply = _build(request["model"])
             _say(answers, reply)
         for problem in request.get("problems", ()):
-            _say(answers, _solved(method, request["do"], problem))
+            _say(answers, _solve(method, request["do"], problem))
 
 
 def _build(model: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
@@ -47,7 +47,7 @@ def _build(model: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
         folder.cleanup()
 
 
-def _solved(method: Any, do: str, problem: list[Any]) -> dict[str, Any]:
+def _solve(method: Any, do: str, problem: list[Any]) -> dict[str, Any]:
     """Time one call, without reading the request and writing the answer."""
     clock, cpu = time.perf_counter_ns, time.process_time_ns
     given, call = (method.prepared(*problem), method.call) if do == "call" else (problem, getattr(method, do))

@@ -29,7 +29,7 @@ from benchmarks.report.boards import (
 )
 from benchmarks.report.budgets.default import has_same_problems
 from benchmarks.report.calls.tables import LABEL, block_tables
-from benchmarks.report.page import most_solved, ranked
+from benchmarks.report.page import most_solved, rank_methods
 from benchmarks.report.tables import Cell, Column, Table
 from benchmarks.statistics import median_interval, not_longer, percentage
 from optik.types import Array
@@ -203,7 +203,7 @@ def block_winners(b: CallRows) -> list[Winner]:
 
     Methods are compared on the problems that all of them were given, times on those that all of them solved as well.
     """
-    who = ranked({label: len(part) for label, part in b.by_method.items()})
+    who = rank_methods({label: len(part) for label, part in b.by_method.items()})
     rows = shared(b.rows, who.labels).sort("problem")
     if rows.is_empty():
         return []

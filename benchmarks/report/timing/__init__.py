@@ -15,7 +15,7 @@ from benchmarks.blocks.entries import JOINT_LIMITS
 from benchmarks.blocks.timing.rows import MEASURES, in_group
 from benchmarks.blocks.timing.settings import GIVEN_LINE, LINE_KINDS, LawBlock, LimitSet
 from benchmarks.report.base import KindReport, Run, Section, Winner
-from benchmarks.report.page import ranked
+from benchmarks.report.page import rank_methods
 from benchmarks.report.tables import listed, number, percent, quote_label
 from benchmarks.report.timing.joints import motion
 from benchmarks.report.timing.line import (
@@ -178,7 +178,7 @@ def kind_winners(b: BlockRows, kind: str) -> list[Winner]:
     """
     rows = in_group(b.rows, kind).filter(pl.col("method").is_in(list(b.entries)))
     able, unable = _rankable(b, rows)
-    who = ranked({label: rows.filter(pl.col("method") == label).height for label in able})
+    who = rank_methods({label: rows.filter(pl.col("method") == label).height for label in able})
     rows = rows.filter(pl.col("method").is_in(who.labels))
     rows = rows.filter(pl.len().over("line", "problem") == len(who.labels)).sort("line", "problem")
     count = len(rows) // max(len(who.labels), 1)

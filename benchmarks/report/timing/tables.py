@@ -345,7 +345,7 @@ def torques(b: BlockRows, run: Run) -> Board | None:
         ratio = pl.col(field).clip(LEAST_RATIO, MOST_RATIO)
         plots.append(fraction_plot(
             f"timing-{field.replace('_', '-')}", f"Motions whose {words} stays within this multiple of its limit",
-            ticked_axis(f"largest {words} / limit", ticks, range=_around(b.rows[field])), "motions",
+            ticked_axis(f"largest {words} / limit", ticks, range=_find_plot_range(b.rows[field])), "motions",
             PATHS_WITHIN + "times the limit", _samples(b, run, b.rows.filter("solved"), groups, ratio), 400,
             shapes=[beyond],
         ))  # fmt: skip
@@ -357,7 +357,7 @@ def torques(b: BlockRows, run: Run) -> Board | None:
     )  # fmt: skip
 
 
-def _around(values: pl.Series) -> list[float]:
+def _find_plot_range(values: pl.Series) -> list[float]:
     """Return the decades that contain all plotted values, and the limit with some margin beyond it."""
     drawn = np.clip(values.drop_nulls().to_numpy(), LEAST_RATIO, MOST_RATIO)
     return [float(np.log10(0.9 * min(drawn.min(), 1.0))), float(np.log10(1.2 * max(drawn.max(), 1.0)))]
