@@ -199,6 +199,8 @@ def test_the_trace_is_every_error_from_the_start_to_the_answer(method):
         assert result.trace.shape == (result.iterations + 1, 6)
         if np.linalg.norm(result.trace[0, 3:]) < 3.14:  # at half a turn both signs are right
             assert np.abs(result.trace[0] - oracles.error(oracles.fk(ARM, start), target)).max() < 1e-12
+        if result:
+            assert np.abs(result.trace[-1] - oracles.error(oracles.fk(ARM, result.q), target)).max() < 1e-7
 
 
 def test_a_run_stopped_at_k_is_the_first_k_steps_of_the_longer_one(method):
@@ -212,6 +214,8 @@ def test_a_run_stopped_at_k_is_the_first_k_steps_of_the_longer_one(method):
         assert stopped.iterations == k
         assert stopped.status is IKStatus.MAX_ITERATIONS
         assert (stopped.trace == whole.trace[: k + 1]).all()
+        if method.name != "dls":  # which returns its best configuration, not the last
+            assert np.abs(whole.trace[k] - oracles.error(oracles.fk(ARM, stopped.q), target)).max() < 1e-7
         check(stopped, target)
 
 

@@ -22,7 +22,7 @@ from optik.errors import (
     UnknownName,
     Unsupported,
 )
-from tests.mutants.listed import LISTED
+from tests.mutants.listed import EQUIVALENT, LISTED
 from tests.oracles import REPOSITORY
 
 
@@ -257,3 +257,5 @@ def test_no_sentence_of_a_library_names_an_option_of_the_command_line(package):
 def test_every_listed_mutant_matches_the_source_once():
     for file, old, _new in LISTED:
         assert (REPOSITORY / file).read_text().count(old) == 1, (file, old)
+    for file, old, _new in EQUIVALENT:
+        assert old in (REPOSITORY / file).read_text(), (file, old)

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
@@ -130,14 +130,13 @@ def far_box(robot: Robot, found: Plan, rng: np.random.Generator) -> tuple[Array,
 
 def check_far_box(seed: int, *, held: bool) -> None:
     robot, path, q = draw(seed)
-    if robot.shapes is None:
-        return
+    assume(robot.shapes is not None)
     start, rng = q if held else None, np.random.default_rng(seed)
     path = free(path, turn=rng.uniform(0.1, 1.5))
     before = plan(robot, path, start, limits=LIMITS, scene=Scene())
-    if before:
-        scene = Scene(boxes=[far_box(robot, before, rng)])
-        assert_not_less(plan(robot, path, start, limits=LIMITS, scene=scene), before)
+    assume(bool(before))
+    scene = Scene(boxes=[far_box(robot, before, rng)])
+    assert_not_less(plan(robot, path, start, limits=LIMITS, scene=scene), before)
 
 
 @given(SEEDS)
