@@ -58,8 +58,8 @@ def plan(
     samples, branch : int, and {"start", "best"}, optional
         Equally spaced samples of the path. Keep the branch of ``q_start``, the default with one, or choose branch and winding.
     duration, strict : float, optional, and bool
-        Duration [s] to which the law's motion is slowed; a tool speed that is set in the law must stay the same. Refuse a
-        motion that exceeds a limit enforced by its law, instead of slowing it uniformly (`Plan.stretch_factor`).
+        Duration [s] to which the law's motion is stretched, or shortened if the law enforces no limit; a tool speed that is set
+        in the law must stay the same. Refuse a motion that exceeds a limit enforced by its law, instead of stretching it.
     tolerance, rate : Tolerance or (2,) tuple of float, and float
         Largest distance [m] and angle [rad] between tool and path of a valid motion; the controller's rate [1/s].
     scene : Scene, optional

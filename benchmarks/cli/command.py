@@ -107,7 +107,8 @@ ARGUMENTS = {
 PHRASES = {
     "q_start": "--start-deg", "time_limit": "--time-limit", " (max_restarts)": "",  # no option of `optik plan`
     "free(path, turn=True, tilt=True)": "--free turn,tilt", "turn=True, tilt=True": "--free turn,tilt",
-    "True without turn=True": "tilt without turn", "elbow=True in planners.free": "--free elbow",
+    "True without turn=True": "tilt without turn", "strict=False, which": "the motion without --strict, which",
+    "elbow=True in planners.free": "--free elbow",
     "optik.solve_ik with closest=True": "optik ik --closest",
     "with_limits sets them": "only <limit> is read", "with_limits(torque=None)": "--torque none",
     "with_limits(velocity=)": "--velocity", ", or shapes.with_apart": "", ", or shapes.with_part": "",

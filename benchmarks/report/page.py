@@ -286,14 +286,14 @@ WINNER_COLUMNS = (
 
 
 @dataclass(frozen=True)
-class Ranking:
+class MethodRanking:
     """The ranked methods, and the others with how many problems they were given, in words that end a note."""
 
     labels: tuple[str, ...]
     left_out: str
 
 
-def rank_methods(given: Mapping[str, int]) -> Ranking:
+def rank_methods(given: Mapping[str, int]) -> MethodRanking:
     """Rank methods that were given `RANKED_PROBLEMS`, or half the largest number: all are compared on the fewest of the ranked.
 
     Where that leaves fewer than two, all are ranked.
@@ -303,7 +303,7 @@ def rank_methods(given: Mapping[str, int]) -> Ranking:
     many = tuple(label for label in asked if given[label] >= min(RANKED_PROBLEMS, most / 2))
     labels = many if len(many) > 1 else asked
     out = [f"{quote_label(label)} ({count:,})" for label, count in given.items() if label not in labels]
-    return Ranking(labels, f"; not ranked (fewer problems): {', '.join(out)}" if out else "")
+    return MethodRanking(labels, f"; not ranked (fewer problems): {', '.join(out)}" if out else "")
 
 
 def most_solved(question: str, anchor: str, solved: Mapping[str, Flags], note: str) -> Winner:

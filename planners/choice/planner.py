@@ -176,7 +176,7 @@ class MotionPlanner(PathPlanner):
         """Return a plan along a chosen path with the requested duration, if it meets its via points."""
         if duration is not None and found:
             found = self._retime(found, duration)
-        if isinstance(found.path, PointToPoint) and (missed := found.path.list_missed()):
+        if found and isinstance(found.path, PointToPoint) and (missed := found.path.list_missed()):
             reason = f"the via point at s = {missed[0].s:.6g} {found.path.unit} is missed by more than its tolerance"
             status, advice = PlanStatus.NOT_PROVED, "a wider tolerance, or via points farther apart"
             found = self.request.fail(status, found.prefix, PlanFailure(status, missed[0].s, None, reason, advice))

@@ -222,7 +222,7 @@ def choose_in_scene(
                 best = found
         if best:
             break
-    outcome = "the initial path: no other is proved and shorter in time" if best is fixed else "chosen"
+    outcome = "the initial path: no other is proved and shorter in time" if best is fixed else CHOSEN
     duration = fixed.trajectory.duration if fixed else best.trajectory.duration
     return replace(best, freedom=report(best, ChoiceReport(outcome, np.nan, tried, steps), duration)), rounds
 

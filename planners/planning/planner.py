@@ -198,7 +198,7 @@ class PathPlanner:
             factor = find_stretch_factor(raw, request.limits, enforced)
             if factor > 1.0 and self.strict:
                 proof = certify(request.robot, path, raw.trajectory, request.limits, enforced=enforced)
-                advice = f"strict=False slows the motion by {factor:.9g}; or another law"
+                advice = f"strict=False, which stretches the motion by {factor:.9g}; or another law"
                 return request.refuse(joints, proof, advice), None
             motion = stretch_analysed(raw, request.limits, enforced) if factor > 1.0 else raw
             trajectory = motion.trajectory if duration is None else _scale_to_duration(motion.trajectory, duration, law)

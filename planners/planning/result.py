@@ -12,6 +12,8 @@ from numpy.typing import ArrayLike
 
 from optik.arm.robot import Robot
 from optik.card import Card
+from optik.check import check_number
+from optik.errors import InvalidInput
 from optik.scene import Scene
 from optik.types import Array
 from optik.view.page import Page, show_page
@@ -20,7 +22,7 @@ from planners.certificate.violation import Allow, words_for
 from planners.files import save
 from planners.following.follow import JointPath, PlanFailure
 from planners.following.resolve import Resolution
-from planners.limits import MotionLimits
+from planners.limits import DERIVATIVES, MotionLimits
 from planners.limits.motion_limits import compute_least_duration
 from planners.motion import Motion, PlanStatus
 from planners.motion.motion import Event, events_to_plain
@@ -158,7 +160,7 @@ class Plan:
     stretch_factor : float
         Duration over the duration of the motion that the law chose: it was stretched for limits, or on request.
     limit_factor : float
-        The part of it that limits caused; 1 if the law's motion met them, and if a duration was asked.
+        The part of it that limits required, also those of `slowed_to`; 1 if the law's motion met them, or a duration was asked.
     span : (2,) tuple of float, or None
         The part of the path [m, or rad] that the motion covers, if it is not the whole path: after `replan`.
     speed : float or None
@@ -285,7 +287,13 @@ class Plan:
     @property
     def slowness(self) -> str | None:
         """Where a motion is far slower than its velocity limits require, in words; None if it is not."""
-        if not self or self.prefix is None or self.speed is not None or self.span is not None:
+        if (
+            not self
+            or self.prefix is None
+            or self.speed is not None
+            or self.span is not None
+            or self.limits.velocity is None
+        ):
             return None
         s, t = np.linspace(0.0, self.prefix.end, SLOWNESS_POINTS), np.linspace(0.0, self.duration, SLOWNESS_POINTS)
         least = float(np.trapezoid(1.0 / speed_bound(self.prefix, self.limits, s), s))
@@ -335,6 +343,8 @@ class Plan:
     def least_duration(self) -> float | None:
         """Least duration [s] of a joint move on any path: that of its slowest joint alone; None for other motions."""
         if not self.path.in_joints or not self.has_motion or self.span is not None or self.before is not None:
+            return None
+        if all(self.limits.value(name) is None for name in DERIVATIVES):
             return None
         return compute_least_duration(self.goal - self.trajectory(0.0), self.limits)
 
@@ -455,11 +465,18 @@ class Plan:
         -------
         Plan
             Of the same kind. `stretch_factor` changes with the duration, and is 1 for another ``span``.
+
+        Raises
+        ------
+        NoSolution
+            The plan failed: there is no motion.
         """
-        factors = self.stretch_factor * trajectory.duration / self.duration, self.limit_factor
+        ratio = trajectory.duration / self.duration
+        known: dict[str, Any] = {"stretch_factor": ratio * self.stretch_factor, "limit_factor": self.limit_factor}
+        known["stop_step"] = None if self.stop_step is None else ratio * self.stop_step
         if changed.get("span", self.span) != self.span:  # another part of the path: the law's duration is not known
-            factors = 1.0, 1.0
-        changed = {"stretch_factor": factors[0], "limit_factor": factors[1]} | changed
+            known = {"stretch_factor": 1.0, "limit_factor": 1.0, "stop_step": None}
+        changed = known | changed
         plan = replace(self, _trajectory=trajectory, **changed)
         if proof is None:
             proof = plan.motion.certify(rate=self.certificate.rate)
@@ -481,9 +498,19 @@ class Plan:
         -------
         Plan
             Of the same kind; itself for a factor of 1.
+
+        Raises
+        ------
+        InvalidInput
+            A factor below 1, or a motion that begins or ends in motion: it would no longer continue another one.
+        NoSolution
+            The plan failed: there is no motion.
         """
         if factor == 1.0:
             return self
+        check_number(factor, "factor", "a factor of at least 1", least=1.0 - 1e-9)
+        if not all(self.certificate.rest):
+            raise InvalidInput("factor", f"{factor:g} for a motion that begins or ends in motion", "1")
         limit_factor = 1.0 if asked else factor * self.limit_factor
         return self.with_motion(self.trajectory.stretched(factor), limit_factor=limit_factor)
 

@@ -249,12 +249,16 @@ class ProgramPlan(Plan):
         return joined
 
     def stretched(self, factor: float, *, asked: bool = False) -> Self:
-        """Return the plan with the motion of each section stretched by a factor, with the same waits."""
+        """Return the plan with each section stretched by a factor, and the same waits; another motion is stretched whole."""
         if factor == 1.0:
             return self
+        whole = sum(section.duration for section in self.sections) + sum(self.waits)
+        if self.span is not None or not np.isclose(self.duration, whole, rtol=1e-12):
+            return super().stretched(factor, asked=asked)
         sections = [section.stretched(factor, asked=asked) for section in self.sections]
         plan = build_plan(sections, self.waits, self.parts, self.corners, self.limits, self.scene)
-        return replace(plan, scheduled=self.scheduled, period=self.period)  # type: ignore[return-value]
+        kept = {"scheduled": self.scheduled, "period": self.period, "resolution": self.resolution}
+        return replace(plan, **kept)  # type: ignore[return-value, arg-type]
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain data for files and programs: those of a plan, with the parts and the corners."""

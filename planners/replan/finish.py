@@ -42,21 +42,25 @@ def stretch_to_ends(plan: P, rms_torque: ArrayLike | None, cycle: float | None, 
     most = _check(plan, rms_torque, cycle, *stopping)
     first = 1.0 if most is None else _rms_factor(plan, most, cycle)
     if stopping == (None, None):
-        return plan.stretched(first)
+        return plan if first == 1.0 else replace(plan.stretched(first), stop_step=None)
     limits = np.array([np.inf if x is None else x for x in stopping])
     place = 0.5
-    for factor in first * FACTORS:
+    factors = first * FACTORS
+    if most is not None and cycle is not None:  # the motion must end within the cycle
+        factors = factors[factors * plan.duration <= cycle]
+    for factor in factors:
         slower = plan.stretched(float(factor))
         step = slower.duration / CHECKED_STEPS
         reached, place = _find_longest_stops(slower, step, limits, place)
         if (reached <= limits).all() and (most is None or _rms_ratio(slower, most, 1.0, cycle) <= 1.0):
             return _store_step(slower, step)
-    both = (plan.stretched(float(4.0 * first)), slower)
+    both = (plan.stretched(float(min(4.0 * first, factors[-1]))), slower)
     found = [_find_longest_stops(x, x.duration / CHECKED_STEPS, np.full(2, np.inf), place)[0] for x in both]
     least = np.min(found, axis=0)
     texts = f"a stopping time of {least[0]:.6g} s", f"a stopping distance of {least[1]:.6g} {plan.path.unit}"
     words = [text for text, limit in zip(texts, limits, strict=True) if limit < np.inf]
-    reason = f"stretched by a factor of up to {first * FACTORS[-1]:.3g}, the motion has {' and '.join(words)} at best"
+    longer = f"with durations of {both[0].duration:.6g} and {both[1].duration:.6g} s"
+    reason = f"stretched by factors of up to {factors[-1]:.3g}, {longer}, the motion has {' and '.join(words)}"
     raise NoSolution(reason, advice="higher limits on stopping, or higher accelerations and jerks")
 
 
@@ -71,7 +75,9 @@ def _check(plan: Plan, rms_torque: ArrayLike | None, cycle: float | None, *stopp
         if value is not None:
             check_number(value, name, f"a {name.replace('_', ' ')} above 0", above=0.0)
     if rms_torque is None:
-        if cycle is not None or stopping == (None, None):
+        if cycle is not None:
+            raise InvalidInput("cycle", f"{cycle:g} s without rms_torque", "none: only the rms torque is of a cycle")
+        if stopping == (None, None):
             raise InvalidInput("rms_torque", "None", "limits, or a stopping_time or a stopping_distance")
         return None
     if plan.robot.inertia is None:

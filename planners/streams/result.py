@@ -26,7 +26,7 @@ from planners.streams.motion import JointCubics, cubic_extrema
 from planners.streams.reference import BASIS
 from planners.trajectory import State, Trajectory, shift_pieces
 
-# ---------------- streamCertificate
+# ---------------- the certificate of a motion that joins another one
 
 
 CONTINUOUS = 1e-9
@@ -228,7 +228,7 @@ class Retargeted:
     skipped, repaired : int
         Targets of the chunk before its entry, and targets that were changed. A target is changed if it is outside the ranges,
         or if it alone repeats the one before.
-    reference : Reference or None
+    reference : PacedReference or None
         The paced reference of a chunk.
     clipped, jumps : int
         Targets of the chunk that were clipped to the ranges; those at which a joint with limits jumps by more than π.

@@ -40,7 +40,7 @@ from benchmarks.report.boards import (
     variable,
 )
 from benchmarks.report.formats import draw
-from benchmarks.report.page import Ranking, rank_methods, render, winners_table, won
+from benchmarks.report.page import MethodRanking, rank_methods, render, winners_table, won
 from benchmarks.report.tables import (
     Column,
     ShownCell,
@@ -385,7 +385,7 @@ def test_a_name_with_a_comma_is_told_from_two_names() -> None:
     assert listed(["lm", "lm, one attempt"]) == "lm, “lm, one attempt”"
     found = rank_methods({"a, b": 3, "c": 100, "d": 60})
     assert found.labels == ("c", "d") and found.left_out.endswith(": “a, b” (3)")
-    assert rank_methods({"a": 3, "c": 100}) == Ranking(("a", "c"), "")  # one alone wins nothing
+    assert rank_methods({"a": 3, "c": 100}) == MethodRanking(("a", "c"), "")  # one alone wins nothing
     found = rank_methods({"a": 100_000, "b": 999, "c": 1000})
     assert found.labels == ("a", "c") and found.left_out.endswith(": b (999)")
 

@@ -1,5 +1,6 @@
 """Hulls of the parts of a mesh: they contain it, their distances are those of other ways to compute them, and they decide."""
 
+import itertools
 import pickle
 import struct
 import warnings
@@ -132,6 +133,18 @@ def test_a_search_may_begin_with_the_corners_of_another_configuration_and_end_at
         assert capped <= found + 2e-7 and (capped == 0.05 or capped == pytest.approx(found, abs=2e-7) or capped <= 0.0)
         seen, ends = seen + (found > 0.0), ends | {seed[0, 0]}
     assert seen > 100 and len(ends) > 2
+
+
+def test_corners_that_decided_turned_cubes_begin_the_search_of_parallel_ones() -> None:
+    cube, rng, axes = np.array(list(itertools.product((-0.1, 0.1), repeat=3))), np.random.default_rng(5), np.eye(4)
+    hulls = pack_hulls([(0, list_hulls([Hull(cube, 0.0)])), (2, list_hulls([Hull(cube, 0.0)]))], KINDS)
+    for _ in range(2000):
+        seed, away = np.full((2, 4), -1.0), rng.uniform(-0.3, 0.3, 3)
+        turned = se3.pose(se3.exp_so3(rng.uniform(0.02, 0.3) * rng.normal(size=3)), away)
+        nearest_hulls(1, 0, hulls, np.stack([axes, turned]), np.inf, seed)
+        found = nearest_hulls(1, 0, hulls, np.stack([axes, se3.pose(p=away)]), np.inf, seed)[0]
+        apart = float(np.linalg.norm(np.maximum(np.abs(away) - 0.2, 0.0)))  # of parallel cubes
+        assert max(found, 0.0) == pytest.approx(apart, abs=2e-7)
 
 
 # ---------------------------------------------------------------- hulls of a body

@@ -183,7 +183,7 @@ def test_a_program_stops_within_the_limit() -> None:
 
 
 def test_a_limit_below_all_stops_is_refused_with_the_least() -> None:
-    with pytest.raises(NoSolution, match=r"a stopping time of 0\.\d+ s at best"):
+    with pytest.raises(NoSolution, match=r"the motion has a stopping time of 0\.\d+ s"):
         planned().slowed_to(stopping_time=0.01)
 
 

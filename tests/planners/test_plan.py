@@ -452,6 +452,25 @@ def test_a_plan_with_another_motion_is_judged_anew() -> None:
     assert free.stretched(100.0).status is PlanStatus.SOLVED and free.stretched(100.0).failure is None
 
 
+def test_only_a_motion_between_rests_is_stretched_and_only_to_longer_ones() -> None:
+    usual = planned(timing="optimal", limits=LIMITS)
+    for one, factor in ((usual, 0.5), (replan(usual, 0.3 * usual.duration), 1.5)):
+        with pytest.raises(InvalidInput, match="factor"):
+            one.stretched(factor)
+    with pytest.raises(NoSolution):
+        too_far().stretched(2.0)
+
+
+def test_checked_stops_follow_the_stretching_and_nothing_is_far_slower_than_no_limit() -> None:
+    usual = planned(timing="optimal", limits=LIMITS)
+    checked = usual.slowed_to(stopping_time=0.9 * float(usual.stopping.time.max()))
+    assert checked.stop_step is not None
+    assert checked.stretched(2.0).stop_step == pytest.approx(2.0 * checked.stop_step)
+    assert replan(checked, 0.3 * checked.duration).stop_step is None
+    endless = plan(paper6r(), START + 0.2, START, timing="quintic", limits=MotionLimits(), duration=2.0)
+    assert endless.least_duration is None and "slow" not in str(endless) and "alone" not in str(endless)
+
+
 def test_the_options_of_a_plan_have_the_defaults_of_its_arguments() -> None:
     arguments = inspect.signature(plan).parameters
     defaults = {one.name: one.default for one in fields(PlanOptions) if one.name != "limits"}

@@ -15,7 +15,7 @@ from benchmarks.blocks.budgets import SUCCESS_LEVELS, BudgetRows, succeeded, suc
 from benchmarks.blocks.entries import ProblemBlock, level_words, shared
 from benchmarks.report.base import Run
 from benchmarks.report.boards import Board, Json, add, axis, figure, interval, line, percent_axis
-from benchmarks.report.page import Ranking, rank_methods
+from benchmarks.report.page import MethodRanking, rank_methods
 from benchmarks.report.tables import Cell, Column, Table, number, p_value, percent, table_of
 from benchmarks.statistics import SIGNIFICANT, McNemar, is_too_few, mcnemar
 from optik.registry import short_name
@@ -60,7 +60,7 @@ COMPARED_PROBLEMS = (
 """The problems of all figures that compare methods."""
 
 
-def compared_rows(b: BudgetRows) -> tuple[pl.DataFrame, Ranking]:
+def compared_rows(b: BudgetRows) -> tuple[pl.DataFrame, MethodRanking]:
     """Return the rows from which every section takes the figures of a method, and which methods are ranked.
 
     They are those of the targets with a known solution that all ranked methods were given, and the other methods' own.

@@ -151,6 +151,15 @@ def find_farthest(corners: Array, first: int, last: int, T: Pose, v: Triple) -> 
     return which
 
 
+@inlined
+def _weigh(points: Array, shares: Array, count: int) -> Triple:
+    """Return the sum of the first points, each times its share."""
+    x, y, z = 0.0, 0.0, 0.0
+    for k in range(count):
+        x, y, z = x + shares[k] * points[k, 0], y + shares[k] * points[k, 1], z + shares[k] * points[k, 2]
+    return x, y, z
+
+
 @compiled
 def hull_distance(
     corners: Array, spans: tuple[int, int, int, int], T: Pose, U: Pose, towards: Triple, least: float, seed: Array
@@ -160,16 +169,16 @@ def hull_distance(
     For a vector v and all points a and b of the hulls, v·(a − b) is at least its value h at the corner that is the farthest
     along −v of the first hull and along v of the second, because a linear function has its least value at a corner. So
     |a − b| ≥ h / |v|, whatever v is: the bound holds at every step, and rounding and degenerate corners can only make it
-    smaller. The distance found is that of two points of the hulls, so it is at least the true one, infinite before there are
-    any. The search ends where both agree, where the bound reaches `least`, or where the hulls intersect (then the bound is at
-    most 0).
+    smaller. The distance found is that of two points of the hulls, at least the true one, infinite before there are any. The
+    search ends where both agree, where the bound reaches `least`, or where the hulls intersect (then it is at most 0).
 
     spans: first and last corner of each hull. T, U: their poses. towards: a first direction, from the second hull to the first.
     seed (4,): a number, and pairs of corners with which the search begins, −1 for none; updated with those of its end.
     """
     points, at, shares, work = np.empty((4, 3)), np.empty(4), np.zeros(4), np.empty((5, 4))
     v, far, bound, normal, total = towards, np.inf, -np.inf, (1.0, 0.0, 0.0), corners.shape[0]
-    count, size = 0, sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+    first, count, warm = sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]), 0, seed[1] >= 0.0
+    size = first
     for step in range(MOST_STEPS):
         known = step < 3 and seed[step + 1] >= 0.0
         if known:
@@ -189,24 +198,25 @@ def hull_distance(
         points[count, 0], points[count, 1], points[count, 2] = m
         at[count], shares[count], before = i * total + j, 1.0 if count == 0 else 0.0, count
         count = reduce_simplex(points, at, shares, count + 1, work) if count > 0 else 1
-        if count == 0 and known:
-            seed[1:] = -1.0
-            continue
-        x, y, z = 0.0, 0.0, 0.0
-        for k in range(count):
-            x, y, z = x + shares[k] * points[k, 0], y + shares[k] * points[k, 1], z + shares[k] * points[k, 2]
+        x, y, z = _weigh(points, shares, count)
         shorter = sqrt(x * x + y * y + z * z)
-        if count == 0 or (not known and shorter >= far):  # rounding
+        rounding, meets = count == 0 or (not known and shorter >= far), count == 4 or shorter <= HULL_ERROR
+        if (
+            warm and (rounding or meets) and far - bound > HULL_ERROR
+        ):  # corners of the seed may be dependent: begin anew
+            seed[1:], count, far, v, size, warm = -1.0, 0, np.inf, towards, first, False
+            continue
+        if rounding:
             count = max(count, before)
             break
         v, far, size = (x, y, z), shorter, shorter
-        if count == 4 or far <= HULL_ERROR:
+        if meets:
             break
-    total_share, p = 0.0, (0.0, 0.0, 0.0)
+    p = 0.0, 0.0, 0.0
     seed[1:] = -1.0
     for k in range(count):
         c = int(at[k]) // total
-        a, total_share = _place(T, corners[c, 0], corners[c, 1], corners[c, 2]), total_share + shares[k]
+        a = _place(T, corners[c, 0], corners[c, 1], corners[c, 2])
         p = p[0] + shares[k] * a[0], p[1] + shares[k] * a[1], p[2] + shares[k] * a[2]
         if k < 3:
             seed[k + 1] = at[k]
