@@ -349,8 +349,8 @@ def _check_method(group: str, method: Any, name: str, where: str) -> Any:
             raise InvalidInput(where, repr(method)[:60], _describe_base(base))
         return method
     if isinstance(method, base):
-        found = type(method).__name__
-        raise InvalidInput(where, f"an object of the class {found}", f"the class, METHOD = {found}")
+        kind_name = type(method).__name__
+        raise InvalidInput(where, f"an object of the class {kind_name}", f"the class, METHOD = {kind_name}")
     if not (isinstance(method, type) and issubclass(method, base)):
         raise InvalidInput(where, repr(method)[:60], _describe_base(base))
     kind: Any = method

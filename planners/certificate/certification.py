@@ -150,9 +150,9 @@ def merge_certificates(
     def worst(name: str) -> Any:
         known: list[Any] = [(p.extreme(name), t) for p, t, _ in shift if name in ALL_LIMITS or name in p.extra]
         each = [x._replace(time=x.time + t) for x, t in known] or [ToolExtreme(np.nan, np.nan, 0.0)]
-        found = reduce(select_worse, each)
+        most = reduce(select_worse, each)
         value = np.max([x.value for x in each], axis=0)  # which may be in a section with a higher limit
-        return found._replace(value=value if isinstance(found, Extreme) else float(value))
+        return most._replace(value=value if isinstance(most, Extreme) else float(value))
 
     steps = [step._replace(t=step.t + t) for p, t, _ in shift for step in p.friction_steps]
     parts = [LimitedPart(part.analysis, t + part.begin, part.limits) for p, t, _ in shift for part in p.parts]

@@ -477,10 +477,10 @@ def clearance(robot: Robot, trajectory: Trajectory, scene: Scene) -> Clearance:
     search(robot.axes.chain, bodies, curves, wanted, least)
     touched = least[0, 0] <= scene.margin or least[1, 0] <= 0.0
     kinds: list[Closest | None] = []
-    for found, t, value, pair in least.tolist():
-        proved = -np.inf if touched else min(value, found)
+    for least_value, t, value, pair in least.tolist():
+        proved = -np.inf if touched else min(value, least_value)
         margin = scene.margin if not kinds else 0.0
-        kinds.append(Closest(proved, found, t, pairs.names[int(pair)], margin) if pair >= 0 else None)
+        kinds.append(Closest(proved, least_value, t, pairs.names[int(pair)], margin) if pair >= 0 else None)
     return Clearance(kinds[0], kinds[1], pairs.left_out)
 
 

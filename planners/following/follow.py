@@ -110,13 +110,13 @@ class Follower:
             reason = "the path has a length of 0: start and goal are equal, so there is nothing to move"
             equal = PlanFailure(FollowStatus.NO_LENGTH, 0.0, None, reason, "a goal away from the start")
             return FollowResult(None, equal)
-        given = self.path.configurations(self.robot, self.grid)
-        first = given[0] if given is not None else (self.q if self.branch == "start" else None)
+        known = self.path.configurations(self.robot, self.grid)
+        first = known[0] if known is not None else (self.q if self.branch == "start" else None)
         failure = None if self.collision is None or first is None else self.collision.check_start(first)
         if failure is not None:
             return FollowResult(None, failure)
-        followed = self._follow_poses() if given is None else self._follow_joints(given)
-        failure, pose = followed.failure, given is None and self.path.asked == "pose" and not self.path.turns_only
+        followed = self._follow_poses() if known is None else self._follow_joints(known)
+        failure, pose = followed.failure, known is None and self.path.asked == "pose" and not self.path.turns_only
         if failure is not None and pose and self.robot.n < 6:
             return followed._replace(failure=replace(failure, advice=POINT_ADVICE + failure.advice))
         if self.collision is None or not followed or followed.joint_path is None:
@@ -124,7 +124,7 @@ class Follower:
         failure = self.collision.check_path(followed.joint_path)
         if failure is None:
             return followed
-        advice = AROUND_ADVICE if given is not None else self._find_free_branch()
+        advice = AROUND_ADVICE if known is not None else self._find_free_branch()
         failure = failure if followed.resolution is None else followed.resolution.explain(failure)
         return followed._replace(failure=replace(failure, advice=advice))
 
@@ -229,10 +229,10 @@ class Follower:
 
     def _choose_null_space_motion(self) -> FollowResult:
         """Return the first null-space motion that reaches the end without collision, or the one that goes farthest."""
-        robot, best, made = self.robot, None, list[Resolution]()
+        robot, best, resolutions = self.robot, None, list[Resolution]()
         rooms = None if self.collision is None else self.collision.find_rooms
         for motion in find_null_space_motions(
-            robot, self.path, self.q, self.branch, self.collision, self.way, self.time_limit, made
+            robot, self.path, self.q, self.branch, self.collision, self.way, self.time_limit, resolutions
         ):
             for _ in range(MOST_REFINEMENTS):
                 course = Course(self.path, motion.guide())
@@ -250,9 +250,10 @@ class Follower:
             return FollowResult(None, self._explain_no_start())
         _, way, course = best
         followed = self._finish(course, way, way.q[0] if self.branch == "best" or self.q is None else self.q)
-        if not made or self.time_limit == 0.0:
+        if not resolutions or self.time_limit == 0.0:
             return followed
-        return followed._replace(failure=followed.failure and made[-1].explain(followed.failure), resolution=made[-1])
+        last = resolutions[-1]
+        return followed._replace(failure=followed.failure and last.explain(followed.failure), resolution=last)
 
     def _is_free(self, way: FollowedTrack) -> bool:
         """Return whether a track reaches the path's end and is collision-free."""

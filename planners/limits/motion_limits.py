@@ -139,10 +139,10 @@ class MotionLimits(ByContent):
             Its limits on velocity, acceleration and jerk; with known masses also those on torque and torque rate.
         """
         names = (*DERIVATIVES, *LOADED) if robot.inertia is not None else DERIVATIVES
-        own = {name: getattr(robot.limits, name) for name in names} | _find_records(robot)
-        values = own | {name: value for name, value in given.items() if name not in ("extra", "robot_values")}
+        known = {name: getattr(robot.limits, name) for name in names} | _find_records(robot)
+        values = known | {name: value for name, value in given.items() if name not in ("extra", "robot_values")}
         extra = {kind_of(name).name: values.pop(name) for name in [*values] if name not in ALL_LIMITS}
-        return MotionLimits(**values, extra=extra | dict(given.get("extra") or {}), robot_values=own)
+        return MotionLimits(**values, extra=extra | dict(given.get("extra") or {}), robot_values=known)
 
     @property
     def kinds(self) -> tuple[Limit, ...]:
@@ -353,8 +353,8 @@ class MotionLimits(ByContent):
         )
         required = tuple(name for name in ALL_LIMITS if name not in LOADED)
         checked = read_record(data, (*required, *extra), "limits", optional=LOADED)
-        found: dict[str, Any] = {key: kind_of(key).from_plain(value, n) for key, value in checked.items()}
-        return cls(**{name: found.pop(name, None) for name in ALL_LIMITS}, extra=found)
+        values: dict[str, Any] = {key: kind_of(key).from_plain(value, n) for key, value in checked.items()}
+        return cls(**{name: values.pop(name, None) for name in ALL_LIMITS}, extra=values)
 
     @property
     def tool(self) -> tuple[float, float]:

@@ -59,10 +59,10 @@ def load_limits(
     InvalidInput
         No such file, no joint of the arm, or a limit that is no positive number.
     """
-    found = read_limits(file, robot, joint_names)
-    warn_of_assumptions(file, found.notes)
-    limited = found.limit(robot)
-    return limited, MotionLimits.of(limited, **found.given)
+    read = read_limits(file, robot, joint_names)
+    warn_of_assumptions(file, read.notes)
+    limited = read.limit(robot)
+    return limited, MotionLimits.of(limited, **read.given)
 
 
 class FoundLimits(NamedTuple):
@@ -97,8 +97,8 @@ def read_limits(
         expected = f"limits of some of {', '.join(names)}"
         advice = "joint_names= gives the names in the file"
         raise InvalidInput(str(file), f"limits of {', '.join(map(str, joints))}"[:160], expected, advice=advice)
-    own = MotionLimits.of(robot).bounds(robot.n)
-    values, ranges = {kind: own[kind].copy() for kind in KINDS}, np.stack([robot.limits.lower, robot.limits.upper])
+    robots = MotionLimits.of(robot).bounds(robot.n)
+    values, ranges = {kind: robots[kind].copy() for kind in KINDS}, np.stack([robot.limits.lower, robot.limits.upper])
     braking = np.full(robot.n, np.inf) if robot.limits.deceleration is None else robot.limits.deceleration.copy()
     unread = set(beside)
     for i, name in enumerate(names):
@@ -113,9 +113,9 @@ def read_limits(
     others = sorted({*map(str, joints)} - {*names})
     notes = [f"no joints of {robot.name}: {', '.join(others)}"] if others else []
     notes += [f"not read: {', '.join(sorted(unread))}"] if unread else []
-    changed = {kind: x for kind, x in values.items() if not np.array_equal(x, own[kind])}
-    given = {kind: x if np.isfinite(x).any() else None for kind, x in changed.items()}
-    return FoundLimits(ranges, braking if np.isfinite(braking).any() else None, given, notes)
+    changed = {kind: x for kind, x in values.items() if not np.array_equal(x, robots[kind])}
+    limits = {kind: x if np.isfinite(x).any() else None for kind, x in changed.items()}
+    return FoundLimits(ranges, braking if np.isfinite(braking).any() else None, limits, notes)
 
 
 def _find_joints(data: Any, file: str) -> tuple[dict[Any, Any], list[str]]:

@@ -69,15 +69,15 @@ def find_configurations(robot: Robot, pose: Array, before: Array, which: str) ->
     count, _steps = enumerate_roots(
         robot.chain, bounds, target, (MISSED, MISSED), seeds, POLISHING_STEPS, roots, IDLE_GUESSES
     )
-    found = _find_inside(robot, target, roots[:count], before[0])
-    if not len(found):
+    inside = _find_inside(robot, target, roots[:count], before[0])
+    if not len(inside):
         solved = get_solver(robot, "lm").solve(target, before[0])
-        found = _find_inside(robot, target, solved.q[None] if solved else roots[:0], before[0])
-    if not len(found):
+        inside = _find_inside(robot, target, solved.q[None] if solved else roots[:0], before[0])
+    if not len(inside):
         reason = f"no configuration inside the limits reaches the pose of {which}, from {ROOT_GUESSES} initial guesses"
         advice = "a pose within reach; optik.solve_ik with closest=True returns the nearest pose"
         raise NoSolution(reason, advice=advice)
-    return found
+    return inside
 
 
 def _find_inside(robot: Robot, target: Array, roots: Array, near: Array) -> Array:

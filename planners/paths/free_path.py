@@ -327,13 +327,13 @@ class FreePath(PiecewisePath):
     def piece_bounds(self) -> Array:
         """Return bounds (k − 1, 2, 4) for each piece between breaks, by the product rule over the screws."""
         _breaks, piece, span = self._pieces
-        given = np.asarray(self.given.known_bounds[piece])
+        known = np.asarray(self.given.known_bounds[piece])
         if not self.coefficients.any():
-            return given
+            return known
         f = self.spline.derivative_bounds(self.coefficients, 4)[span]  # (k − 1, 5, d)
-        k = len(given)
+        k = len(known)
         position, rotation = np.zeros((k, 5)), np.ones((k, 5))
-        position[:, 1:], rotation[:, 1:] = given[:, 0], given[:, 1]
+        position[:, 1:], rotation[:, 1:] = known[:, 0], known[:, 1]
         for d, screw in enumerate(self.screws):
             speed, turning = float(np.linalg.norm(screw[:3])), float(np.linalg.norm(screw[3:]))
             S, turn = np.zeros((k, 5)), np.empty((k, 5))

@@ -387,7 +387,7 @@ class _Reader:
             keys = ", ".join(row) or "no keys"
             raise InvalidInput("event", keys, "signal; and time_s, or part with distance_mm, fraction or spacing_mm")
         (kind,), signal, value = places, row["signal"], row.get("value", 1)
-        given = None if kind == "fraction" else self._number(row, kind)
+        number = None if kind == "fraction" else self._number(row, kind)
         shifts: dict[str, Any] = {key[:-2]: self._number(row, key) for key in ("before_s", "after_s") if key in row}
         for key in shifts if kind in ("time_s", "spacing_mm") else ():
             expected = f"no {key}_s, or a place by distance_mm or fraction"
@@ -396,10 +396,10 @@ class _Reader:
             self._check_place(row["part"], kind, row[kind])
         part = row["part"] - 1 if type(row.get("part")) is int else row.get("part")
         if kind == "time_s":
-            return TimedEvent(given or 0.0, signal, value)
+            return TimedEvent(number or 0.0, signal, value)
         if kind == "spacing_mm":
-            return PeriodicEvent(part, given or 0.0, signal, value)
-        return PathEvent(part, given, signal, value, row.get("fraction"), **shifts)
+            return PeriodicEvent(part, number or 0.0, signal, value)
+        return PathEvent(part, number, signal, value, row.get("fraction"), **shifts)
 
     def _check_place(self, which: Any, key: str, value: float) -> None:
         """Raise InvalidInput for a place that is not on its part, as far as that is known before planning."""

@@ -197,11 +197,11 @@ class ToolChange:
             robot = robot.with_tool(self.tool)
         if isinstance(self.payload, Keep):
             return robot
-        given = self.payload if isinstance(self.payload, Payload) or self.payload is None else Payload(self.payload)
-        if given is None:
+        payload = self.payload if isinstance(self.payload, Payload) or self.payload is None else Payload(self.payload)
+        if payload is None:
             return robot.with_payload(None)
         shapes = None if isinstance(self.shapes, Keep) else self.shapes
-        return robot.with_payload(given.mass, given.com, given.inertia, shapes)
+        return robot.with_payload(payload.mass, payload.com, payload.inertia, shapes)
 
 
 Item = Part | Dwell | ToolChange

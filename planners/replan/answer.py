@@ -80,23 +80,23 @@ def replan_program(
             raise InvalidInput("state", got, "a moving state; this one has already stopped")
         covered = onward
     else:
-        given = {key: own for key, own in conditions[i].items() if changed[key] is not None}
-        sections[i] = one(section, state if measured else t - times[k].begin, **changed | given)
+        current = {key: options for key, options in conditions[i].items() if changed[key] is not None}
+        sections[i] = one(section, state if measured else t - times[k].begin, **changed | current)
         if not sections[i]:
             return _name_part(running, i, sections[i])
         covered, left = range(i, i + 1) if stop else range(i, len(sections)), 0.0
     if not stop:
         for j in onward:
-            own = changed | conditions[j]
+            options = changed | conditions[j]
             if changed["timing"] is None and conditions[j] == {key: getattr(sections[j], key) for key in conditions[j]}:
                 continue  # after a stop, sections may have older limits
             chosen = isinstance(sections[j].path, FreePath | PointToPoint)  # a plan would choose another shape
-            sections[j] = one(sections[j], 0.0, **own) if chosen else _plan_again(sections[j], own)
+            sections[j] = one(sections[j], 0.0, **options) if chosen else _plan_again(sections[j], options)
             if not sections[j]:
                 return _name_part(running, j, sections[j])
     span = covered, max(left, 0.0)
-    found = build_plan(sections, running.waits, running.parts, running.corners, limits, scene, span)
-    return replace(found, scheduled=tuple(_list_ahead(running, t)), period=running.period)
+    plan = build_plan(sections, running.waits, running.parts, running.corners, limits, scene, span)
+    return replace(plan, scheduled=tuple(_list_ahead(running, t)), period=running.period)
 
 
 def _begin_of_wait(times: Sequence[SectionTimes], t: float) -> float:

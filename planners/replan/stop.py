@@ -97,16 +97,16 @@ def _sweep_stops(request: PlanRequest, start: MovingState) -> Iterator[Plan]:
     plan, rate = start.plan, start.clock[0]
     running = plan.trajectory
     brake = _brake(request, plan)
-    found: list[BrakingMotion] = []
+    brakings: list[BrakingMotion] = []
     for fraction in LIMIT_FRACTIONS:
-        found.append(brake.run(start.t, start.clock, fraction))
-        if found[-1].smooth or found[-1].end > running.end:
+        brakings.append(brake.run(start.t, start.clock, fraction))
+        if brakings[-1].smooth or brakings[-1].end > running.end:
             break
-    stops = [(braking.motion, braking.end) for braking in found if braking.motion is not None]
+    stops = [(braking.motion, braking.end) for braking in brakings if braking.motion is not None]
     for motion, end in sorted(stops, key=lambda stop: stop[0].end):
         matched = match_start(motion, start.joints, request.limits)
         yield certify_motion(request, start, matched, StopKind.SWEEP, s_at(plan, end))
-    if found[-1].end > running.end:
+    if brakings[-1].end > running.end:
         return
     rest = start.rest
     if rest is None:
@@ -146,7 +146,7 @@ def _refine_stop(request: PlanRequest, start: MovingState, best: Plan, until: fl
     way, longest = best.span[1] - start.at.s, 0.0
     if way < SHORTEST * joints.end:
         return best
-    low, high, factor, found = 0.0, 1.0, FIRST_END, []
+    low, high, factor, shorter = 0.0, 1.0, FIRST_END, []
     while high - low > CLOSE_ENDS:
         began = perf_counter()
         if began + longest > until:
@@ -154,22 +154,22 @@ def _refine_stop(request: PlanRequest, start: MovingState, best: Plan, until: fl
         end = start.at.s + way * factor
         motion = law.run_to(joints, request.limits, start.at, end)
         if motion is not None and motion.duration < best.trajectory.duration:
-            found.append((motion, end))
+            shorter.append((motion, end))
             high = factor
         else:
             low = factor
         factor = high * FIRST_END if low == 0.0 else 0.5 * (low + high)
         longest = max(longest, perf_counter() - began)
     kind, brake = StopKind.OPTIMUM, _brake(request, start.plan)
-    for fraction in () if found else MORE_FRACTIONS:
+    for fraction in () if shorter else MORE_FRACTIONS:
         if perf_counter() > until:
             break
         motion, end, _ = brake.run(start.t, start.clock, fraction)
         if motion is not None and motion.duration < best.trajectory.duration:
-            found.append((motion, s_at(start.plan, end)))
+            shorter.append((motion, s_at(start.plan, end)))
             kind = StopKind.SWEEP
-    found.sort(key=lambda each: each[0].duration)
-    stops = (certify_motion(request, start, match_start(m, start.joints, request.limits), kind, s) for m, s in found)
+    shorter.sort(key=lambda each: each[0].duration)
+    stops = (certify_motion(request, start, match_start(m, start.joints, request.limits), kind, s) for m, s in shorter)
     return next((stop for stop in stops if stop), best)
 
 
@@ -246,11 +246,11 @@ def _meet_limits_later(request: PlanRequest, start: MovingState) -> Plan | None:
         slow = cut_before(running, braking.end, s).stretched(1.0 / goal)
         first = match_start(braking.motion, start.joints, limits) if delay == 0.0 else braking.motion
         first = join(cut_after(rest, delay), first) if delay else first
-        found = _continue_slowly(request, start, first, s, slow)
-        if found is not None:
-            return found
-    found = certify_motion(replace(request, before=(limits, rest.end)), start, rest)
-    return found or None
+        answer = _continue_slowly(request, start, first, s, slow)
+        if answer is not None:
+            return answer
+    answer = certify_motion(replace(request, before=(limits, rest.end)), start, rest)
+    return answer or None
 
 
 def _continue_slowly(
