@@ -15,6 +15,7 @@ from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from optik.check import check_kind
 from optik.errors import InvalidInput, MissingDependency, UnknownName
 from optik.plugins import files
 from optik.plugins.files import UsedPlugin
@@ -150,8 +151,7 @@ def data_file(group: str, name: str | os.PathLike[str], kind: str) -> Path:
     if point is None:
         return _folder(group) / f"{name}.toml"
     value = _value(point, kind)
-    if not isinstance(value, str | os.PathLike):
-        raise InvalidInput(_where(point), repr(value)[:60], "the path of a file")
+    check_kind(value, _where(point), str | os.PathLike, "the path of a file")
     return files.resolve_file(Path(value).absolute(), kind)
 
 

@@ -18,7 +18,7 @@ from optik.arm.limits import JointLimits, freeze
 from optik.arm.linkage import Linkage
 from optik.arm.motors import Motors, couple, find_outside, maker_joints, with_motors
 from optik.arm.shapes.model import PAYLOAD, Shapes
-from optik.check import check_flag, check_number, check_words, format_value, real_array
+from optik.check import check_flag, check_kind, check_number, check_words, format_value, real_array
 from optik.errors import AssumptionWarning, InvalidInput, RobotModelError
 from optik.kinematics import Chain
 from optik.types import Array, Flags
@@ -48,10 +48,8 @@ class ArmModel:
 
     def __post_init__(self) -> None:
         for field in ("name", "source"):
-            if not isinstance(getattr(self, field), str):
-                raise InvalidInput(field, repr(getattr(self, field))[:60], "a string")
-        if not isinstance(self.limits, JointLimits):
-            raise InvalidInput("limits", repr(self.limits)[:60], "JointLimits(lower, upper)")
+            check_kind(getattr(self, field), field, str, "a string")
+        check_kind(self.limits, "limits", JointLimits, "JointLimits(lower, upper)")
         fixed = _check_fixed(self.name, self.fixed)
         links, n = len(fixed), len(fixed)
         if self.linkage is not None:
@@ -203,8 +201,7 @@ class ArmModel:
     def with_limits(self, limits: JointLimits | None = None, **fields: ArrayLike | None) -> Self:
         """Return the arm with other limits."""
         new = self.limits if limits is None else limits
-        if not isinstance(new, JointLimits):
-            raise InvalidInput("limits", repr(new)[:60], "JointLimits(lower, upper)")
+        check_kind(new, "limits", JointLimits, "JointLimits(lower, upper)")
         return replace(self, limits=new.replace(**fields) if fields else new)
 
     def with_motors(
@@ -274,10 +271,8 @@ def _check_names(name: str, value: Iterable[str], n: int) -> tuple[str, ...]:
 
 
 def _check_masses(name: str, inertia: Inertia | None, payload: Payload | None, n: int) -> None:
-    if not isinstance(inertia, Inertia | None):
-        raise InvalidInput("inertia", repr(inertia)[:60], "Inertia(mass, com, tensor)")
-    if not isinstance(payload, Payload | None):
-        raise InvalidInput("payload", repr(payload)[:60], "Payload(mass, com, inertia)")
+    check_kind(inertia, "inertia", Inertia | None, "Inertia(mass, com, tensor)")
+    check_kind(payload, "payload", Payload | None, "Payload(mass, com, inertia)")
     if inertia is not None and inertia.mass.size != n:
         raise RobotModelError(name, f"{n} joints but masses of {inertia.mass.size} links")
     if payload is not None and inertia is None:
@@ -287,8 +282,7 @@ def _check_masses(name: str, inertia: Inertia | None, payload: Payload | None, n
 def _check_shapes(name: str, value: Shapes | None, n: int) -> Shapes | None:
     if value is None:
         return None
-    if not isinstance(value, Shapes):
-        raise InvalidInput("shapes", repr(value)[:60], "Shapes(capsules)")
+    check_kind(value, "shapes", Shapes, "Shapes(capsules)")
     if (last := int(value.capsules[0].max(initial=0))) > n:
         raise RobotModelError(name, f"a capsule on link {last}, but the last link is {n}")
     return value

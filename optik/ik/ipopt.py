@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 import casadi as ca
 
 from optik.arm.robot import Robot
+from optik.check import check_choice, check_kind
 from optik.errors import InvalidInput
 from optik.ik import _casadi
 from optik.ik._casadi import IkAnswer, IkProblem, ProgrammeSolver, SymbolicModel
@@ -71,15 +72,10 @@ class IPOPT(ProgrammeSolver):
         enough = self.task.exact <= self.free_joints
         if form is None:
             form = "constraint" if enough else "least_squares"
-        if form not in FORMS:
-            raise InvalidInput("form", repr(form), " or ".join(FORMS))
-        if form == "constraint" and not enough:
+        if check_choice(form, "form", FORMS) == "constraint" and not enough:
             given = f"constraint for {self.free_joints} moving joints and {self.task.exact} components"
             raise InvalidInput("form", given, "least_squares: IPOPT takes no more constraints than moving joints")
-        if not isinstance(solver_options, dict | None):
-            raise InvalidInput(
-                "solver_options", repr(solver_options)[:60], 'a dictionary of IPOPT options, e.g. {"tol": 1e-8}'
-            )
+        check_kind(solver_options, "solver_options", dict | None, 'a dictionary of IPOPT options, e.g. {"tol": 1e-8}')
         self.form = form
         self.solver_options = dict(solver_options or {})
         self._tight = min(self.tolerance.position, self.tolerance.rotation)

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optik.check import format_value
+from optik.check import check_kind, format_value
 from optik.errors import InvalidInput
 from optik.se3 import exp_so3, pose
 from optik.types import Array, Flags, Indices
@@ -395,8 +395,7 @@ def _largest_turn(covariance: Array) -> float:
 
 def _check_pairs(pairs: Sequence[tuple[Spot | ArrayLike, ArrayLike]], laser: PanTiltLaser) -> Readings:
     """Return the checked pairs as arrays with their weights."""
-    if not isinstance(laser, PanTiltLaser):
-        raise InvalidInput("laser", format_value(laser), "a planners.cell.PanTiltLaser")
+    check_kind(laser, "laser", PanTiltLaser, "a planners.cell.PanTiltLaser")
     for name, noise in (("angle_noise", laser.angle_noise), ("range_noise", laser.range_noise)):
         if noise == 0.0:
             raise InvalidInput(

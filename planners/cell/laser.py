@@ -8,7 +8,7 @@ from math import inf, pi
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optik.check import check_count, check_number, format_value
+from optik.check import check_count, check_kind, check_number, format_value
 from optik.errors import InvalidInput
 from optik.se3 import check_pose, nearest_pose
 from optik.types import Array, Flags
@@ -283,8 +283,7 @@ class PanTiltLaser:
         InvalidInput
             NaN or infinity, or no Plane.
         """
-        if not isinstance(plane, Plane):
-            raise InvalidInput("plane", format_value(plane), "a planners.cell.Plane")
+        check_kind(plane, "plane", Plane, "a planners.cell.Plane")
         pan, tilt = (check_number(x, name, "an angle [rad]") for x, name in ((pan, "pan"), (tilt, "tilt")))
         d = self.direction(pan, tilt)
         along, lever = float(plane.normal @ d), -float(plane.distance(self.pose[:3, 3]))

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optik.arm.robot import Robot
-from optik.check import check_number
+from optik.check import check_kind, check_number
 from optik.errors import InvalidInput
 from optik.ik.base import Tolerance, ToleranceLike
 from optik.scene import Scene
@@ -412,8 +412,7 @@ def _check_kinds(robot: Robot, path: Path | None, trajectory: Trajectory, limits
     limits = MotionLimits.of(robot) if limits is None and isinstance(robot, Robot) else limits
     given = {"robot": robot, "path": path, "trajectory": trajectory, "limits": limits}
     for (argument, value), kind in zip(given.items(), (Robot, Path | None, Trajectory, MotionLimits), strict=True):
-        if not isinstance(value, kind):
-            raise InvalidInput(argument, repr(value)[:60], f"a {getattr(kind, '__name__', 'Path or None')}")
+        check_kind(value, argument, kind, f"a {getattr(kind, '__name__', 'Path or None')}")
     if trajectory.n != robot.n:
         raise InvalidInput("trajectory", f"{trajectory.n} joints", f"the {robot.n} of {robot.name}")
     assert limits is not None

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from optik.arm.limits import ask_for_degrees
 from optik.arm.motors import have_same_matrix, maker_joints, maker_limits, maker_names
 from optik.arm.robot import Robot
-from optik.check import locate_error
+from optik.check import check_kind, locate_error
 from optik.errors import InvalidInput
 from optik.file_io import check_suffix, decode_text, parse_json, read_bytes
 from optik.scene.files import find_mappings
@@ -94,8 +94,7 @@ def load_trajectory(
         YAML without PyYAML.
     """
     suffix = check_suffix(file, READ_SUFFIXES)
-    if not isinstance(robot, Robot):
-        raise InvalidInput("robot", repr(robot)[:60], "a Robot")
+    check_kind(robot, "robot", Robot)
     names = Form("", export.find_columns(robot, joint_names)).names
     if saved := read_saved(file):
         _check_arm(*saved, robot, names, file, unit)

@@ -12,7 +12,7 @@ from optik import newton
 from optik.arm.motors import ranges_of
 from optik.arm.reach import reach_bound
 from optik.arm.robot import Robot
-from optik.check import check_count, check_number
+from optik.check import check_choice, check_count, check_kind, check_number
 from optik.errors import InvalidInput
 from optik.ik import IKSolver, IKStatus, Tolerance, make_solver, solve_ik
 from optik.ik.base import ToleranceLike
@@ -459,10 +459,8 @@ def make_follower(
     scene: Scene | None, time_limit: float, way: Sequence | None = None,
 ) -> Follower:  # fmt: skip
     """Return the follower with checked arguments of `follow`, and the sequence of a resolution of the whole path."""
-    if not isinstance(solver, IKSolver):
-        raise InvalidInput("solver", repr(solver)[:60], "an IKSolver, such as optik.ik.get_solver(robot)")
-    if not isinstance(path, Path):
-        raise InvalidInput("path", repr(path)[:60], "a Path")
+    check_kind(solver, "solver", IKSolver, "an IKSolver, such as optik.ik.get_solver(robot)")
+    check_kind(path, "path", Path)
     q, branch = _check_start(solver, path, q_start, branch, samples)
     grid = np.linspace(0.0, path.end, samples)
     collision = None if scene is None else CollisionCheck(solver.robot, scene)
@@ -471,8 +469,7 @@ def make_follower(
 
 def read_time_limit(resolve: str, time_limit: float | None) -> float:
     """Return the computing time [s] of the search along the whole path: infinite without a limit, 0 without a search."""
-    if not isinstance(resolve, str) or resolve not in RESOLVES:
-        raise InvalidInput("resolve", repr(resolve)[:60], " or ".join(f'"{name}"' for name in RESOLVES))
+    check_choice(resolve, "resolve", RESOLVES)
     seconds = np.inf
     if time_limit is not None:
         seconds = check_number(time_limit, "time_limit", "seconds above 0, or None", above=0.0)
@@ -498,8 +495,7 @@ def _check_start(
         raise InvalidInput("solver", f"one for the task {solver.task}", "one for the whole pose")
     if branch is None:
         branch = "best" if q_start is None else "start"
-    if not isinstance(branch, str) or branch not in ("start", "best"):
-        raise InvalidInput("branch", repr(branch)[:60], '"start" or "best"')
+    check_choice(branch, "branch", ("start", "best"))
     if branch == "start" and q_start is None:
         raise InvalidInput("q_start", "None", 'a configuration for branch="start"; without one use branch="best"')
     q = None if q_start is None else check_start(robot, q_start, "q_start")

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from optik.arm.robot import Robot
-from optik.check import check_number
+from optik.check import check_kind, check_number
 from optik.errors import InvalidInput
 from optik.file_io import check_suffix, decode_text, parse_yaml, read_bytes
 from optik.tables import warn_of_assumptions
@@ -84,12 +84,8 @@ def read_limits(
 ) -> FoundLimits:
     """Return what `load_limits` reads, without a warning."""
     check_suffix(file, (".yaml", ".yml"))
-    if not isinstance(robot, Robot):
-        raise InvalidInput("robot", repr(robot)[:60], "a Robot")
-    if not isinstance(joint_names, Mapping | None):
-        raise InvalidInput(
-            "joint_names", repr(joint_names)[:60], "a mapping from the robot's joint names to the file's"
-        )
+    check_kind(robot, "robot", Robot)
+    check_kind(joint_names, "joint_names", Mapping | None, "a mapping from the robot's joint names to the file's")
     data = parse_yaml(decode_text(read_bytes(Path(file))), str(file))
     joints, beside = _find_joints(data, str(file))
     names = [(joint_names or {}).get(name, name) for name in robot.joint_names]
@@ -103,8 +99,7 @@ def read_limits(
     unread = set(beside)
     for i, name in enumerate(names):
         entry, where = joints.get(name, {}), f"{file}, {name}"
-        if not isinstance(entry, dict):
-            raise InvalidInput(where, repr(entry)[:60], "a mapping such as max_velocity: 2.0")
+        check_kind(entry, where, dict, "a mapping such as max_velocity: 2.0")
         for kind, keys in KINDS.items():
             _read(entry, kind, keys, where, values[kind][i : i + 1])
         _read(entry, "position", POSITION, where, ranges[:, i])

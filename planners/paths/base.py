@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from optik.arm.plain import describe_difference
 from optik.arm.robot import Robot
-from optik.check import real_array
+from optik.check import check_kind, real_array
 from optik.errors import InvalidInput
 from optik.types import Array
 from planners.paths.poses import find_nearest_on_path
@@ -325,8 +325,7 @@ class PiecewisePath(Path):
 
 def check_robot(robot: Any) -> None:
     """Raise InvalidInput unless a value is an arm."""
-    if not isinstance(robot, Robot):
-        raise InvalidInput("robot", repr(robot)[:60], "a Robot")
+    check_kind(robot, "robot", Robot)
 
 
 def check_recorded(robot: Robot | None, name: str, fingerprint: str) -> Robot:

@@ -12,7 +12,7 @@ import numpy as np
 from optik import se3
 from optik.arm.plain import numbers_to_list, read_numbers
 from optik.arm.robot import Robot
-from optik.check import check_count, check_flag
+from optik.check import check_count, check_flag, check_kind
 from optik.errors import InvalidInput
 from optik.types import Array, Indices
 from planners.freedom import Freedom, freedom_of, loaded_freedom
@@ -364,8 +364,7 @@ class FreePath(PiecewisePath):
 
         names = "given", "bounds", "count", "hold_start", "starts", "coefficients", "null_space"
         given, bounds, count, held, starts, coefficients, null = fields(data, cls.name, *names)
-        if not isinstance(bounds, Mapping):
-            raise InvalidInput("bounds", repr(bounds)[:60], "a mapping from the names of freedoms to pairs")
+        check_kind(bounds, "bounds", Mapping, "a mapping from the names of freedoms to pairs")
         found = {name: read_numbers(pair, (2,), f"bounds.{name}") for name, pair in bounds.items()}
         pairs = {name: (float(pair[0]), float(pair[1])) for name, pair in found.items()}
         if (asked := data.get("asked", "pose")) not in ASKED:
@@ -427,8 +426,7 @@ def free(
     >>> free(Line(start, goal), turn=True).ranges[0].name
     'turn'
     """
-    if not isinstance(path, Path):
-        raise InvalidInput("path", repr(path)[:60], "a Path")
+    check_kind(path, "path", Path)
     if isinstance(path, FreePath) or type(path).configurations is not Path.configurations:
         expected = "a path of tool poses without freedoms, such as a Line or a Polyline"
         raise InvalidInput("path", f"a {path.name}", expected)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -40,13 +38,6 @@ def read_goal(robot: Robot, goal: ArrayLike, q_start: ArrayLike | None, winding:
     if array.ndim == 1 and winding == "nearest":
         array = unwind(robot, check_start(robot, array, "q_goal"), start)
     return start, array
-
-
-def check_winding(value: Any) -> str:
-    """Return the checked choice of windings."""
-    if not isinstance(value, str) or value not in WINDINGS:
-        raise InvalidInput("winding", repr(value)[:60], '"nearest" or "exact"')
-    return value
 
 
 def find_continuous(robot: Robot) -> Flags:

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from optik import se3
 from optik.arm.plain import read_numbers
 from optik.arm.robot import Robot
-from optik.check import real_array
+from optik.check import check_kind, real_array
 from optik.errors import InvalidInput, NoSolution
 from optik.ik import Tolerance
 from optik.ik.base import ToleranceLike
@@ -345,8 +345,7 @@ class PointToPoint(PiecewisePath):
         names = "robot", "fingerprint", "knots", "coefficients", "vias", "corners"
         name, fingerprint, knots, coefficients, vias, corners = fields(data, cls.name, *names)
         robot = check_recorded(robot, name, fingerprint)
-        if not isinstance(vias, list):
-            raise InvalidInput("vias", repr(vias)[:60], "a list of vias")
+        check_kind(vias, "vias", list, "a list of vias")
         spline, vias = ControlCurve.between(read_breaks(knots)), tuple(_read_via(via, robot.n) for via in vias)
         coefficients = read_numbers(coefficients, (spline.count, robot.n), "coefficients")
         if corners is not None:

@@ -36,7 +36,7 @@ from optik.arm.inertia import Payload
 from optik.arm.model import check_range, unit_factors
 from optik.arm.plain import read_list, read_pose, read_record, read_vector, read_word
 from optik.arm.robot import Robot
-from optik.check import check_flag, check_number, locate_error
+from optik.check import check_flag, check_kind, check_number, locate_error
 from optik.errors import InvalidInput, OptikError
 from optik.file_io import decode_text, parse_toml, read_bytes
 from optik.plugins.files import find_nearest_name, is_path
@@ -274,8 +274,7 @@ class _Reader:
             raise InvalidInput("blend_rotation_deg", f"{row['blend_rotation_deg']!r} without blend_mm", "blend_mm, too")
 
     def _read_item(self, robot: Robot, row: Any, pose: Array | None, rows: list[Any]) -> Item:
-        if not isinstance(row, Mapping):
-            raise InvalidInput("part", repr(row)[:60], "a table")
+        check_kind(row, "part", Mapping, "a table")
         if "dwell_s" in row:
             read_record(row, ("dwell_s",), "keys")
             return Dwell(self._number(row, "dwell_s") or 0.0)

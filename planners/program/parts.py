@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from optik.arm.inertia import Payload
 from optik.arm.robot import Robot
-from optik.check import check_number, real_array
+from optik.check import check_choice, check_kind, check_number, real_array
 from optik.errors import InvalidInput
 from optik.se3 import check_pose, nearest_pose
 from optik.types import Array
@@ -60,8 +60,7 @@ class Move:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "vector", _read_finite(self.vector, (3,), "vector", "three numbers [m]"))
-        if self.frame not in FRAMES:
-            raise InvalidInput("frame", repr(self.frame)[:60], '"tool" or "base"')
+        check_choice(self.frame, "frame", FRAMES)
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,8 +226,7 @@ class Program:
             raise InvalidInput("items", repr(items)[:60], expected)
         given = tuple(items)
         for item in given:
-            if not isinstance(item, Part | Dwell | ToolChange):
-                raise InvalidInput("items", repr(item)[:60], expected)
+            check_kind(item, "items", Part | Dwell | ToolChange, expected)
         self.items: tuple[Item, ...] = tuple(copy(item) for item in given)  # one item may be given twice
         self.parts = tuple(item for item in self.items if isinstance(item, Part))
         if not self.parts:

@@ -14,7 +14,7 @@ import scipy
 
 from optik import newton
 from optik.arm.robot import Robot
-from optik.check import check_number, format_count
+from optik.check import check_kind, check_number, format_count
 from optik.errors import InvalidInput, NoSolution
 from optik.ik import get_solver, solve_ik
 from optik.ik.problem import check_start
@@ -159,12 +159,10 @@ class ProgramPlan(Plan):
             The plan failed: there is no motion.
         """
         expected = "a list of PathEvent, PeriodicEvent and TimedEvent"
-        if not isinstance(events, Iterable):
-            raise InvalidInput("events", repr(events)[:120], expected)
+        check_kind(events, "events", Iterable, expected)
         scheduled = tuple(events)
         for event in scheduled:
-            if not isinstance(event, PathEvent | PeriodicEvent | TimedEvent):
-                raise InvalidInput("events", repr(event)[:60], expected)
+            check_kind(event, "events", PathEvent | PeriodicEvent | TimedEvent, expected)
         self._require_motion()
         if period is not None:
             check_number(period, "period", "a servo period above 0 [s]", above=0.0)

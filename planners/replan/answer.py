@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optik.check import check_number
+from optik.check import check_kind, check_number
 from optik.errors import InvalidInput, NoSolution
 from optik.ik.base import Tolerance, ToleranceLike
 from optik.scene import Scene
@@ -258,11 +258,9 @@ def replan(
 
 def _check_plan(plan: Plan, stop: bool, time_limit: float) -> Trajectory:
     """Return the motion of a plan; raise InvalidInput for a plan without one, and for invalid options."""
-    if not isinstance(stop, bool):
-        raise InvalidInput("stop", repr(stop)[:60], "True or False")
+    check_kind(stop, "stop", bool, "True or False")
     check_number(time_limit, "time_limit", "seconds, at least 0", least=0.0)
-    if not isinstance(plan, Plan):
-        raise InvalidInput("plan", repr(plan)[:60], "a plan with a motion")
+    check_kind(plan, "plan", Plan, "a plan with a motion")
     try:
         return plan.trajectory
     except NoSolution:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optik.check import check_number, real_array
+from optik.check import check_kind, check_number, real_array
 from optik.errors import InvalidInput, NoSolution
 from optik.ik.base import Tolerance
 from optik.scene import Scene
@@ -301,8 +301,7 @@ def build_request(
     law = make_law(timing) if timing is not None else _own_law(plan)
     allow: tuple[str, ...] = ()
     limits, enforced = plan.limits if limits is None else limits, plan.certificate.enforced
-    if not isinstance(limits, MotionLimits):
-        raise InvalidInput("limits", repr(limits)[:60], "a MotionLimits")
+    check_kind(limits, "limits", MotionLimits)
     if timing is not None:
         law.need(limits, plan.robot)
     else:  # limits that the plan was allowed to exceed

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from optik import se3
 from optik.arm.limits import LIMIT_TOLERANCE
 from optik.arm.robot import Robot
-from optik.check import check_count
+from optik.check import check_choice, check_count
 from optik.errors import InvalidInput, NoSolution
 from optik.ik.problem import check_start
 from optik.registry import build_method
@@ -18,7 +18,7 @@ from optik.scene import Scene
 from optik.scene.contact import advise_contact, find_contact
 from optik.types import Array, Flags
 from planners.paths.configurations import find_configurations
-from planners.paths.goal import check_winding, find_continuous
+from planners.paths.goal import WINDINGS, find_continuous
 from planners.search.base import JointSpace, Search, SearchLike, SearchResult, SearchStatus, measure_length
 
 # ---------------- goals of a search
@@ -158,7 +158,7 @@ def find_path(
     check_count(paths, "paths", 1, MOST_PATHS)
     method = _get_search(search, max_samples)
     try:
-        goals, every = list_goals(space, start, goal, check_winding(winding))
+        goals, every = list_goals(space, start, goal, check_choice(winding, "winding", WINDINGS))
     except NoSolution as error:
         return SearchResult(SearchStatus.GOAL_UNREACHABLE, (), 0, error.reason, error.advice)
     if not (starts := space.is_free(start)) or not len(goals):

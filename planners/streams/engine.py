@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from optik.arm.limits import ask_for_degrees
 from optik.arm.robot import Robot
-from optik.check import check_number, real_array
+from optik.check import check_choice, check_kind, check_number, real_array
 from optik.errors import InvalidInput
 from optik.scene import Scene
 from optik.scene.contact import check_scene
@@ -103,15 +103,12 @@ class Retargeter:
         align: str = "nearest", longest: float = 0.04, scene: Scene | None = None,
     ) -> None:  # fmt: skip
         self.robot, self.limits = robot, MotionLimits.of(robot) if limits is None else limits
-        if not isinstance(self.limits, MotionLimits):
-            raise InvalidInput("limits", repr(limits)[:60], "an object of the class MotionLimits")
+        check_kind(self.limits, "limits", MotionLimits)
         self.box = _box(robot, self.limits)
         self.tolerance = check_number(tolerance, "tolerance", "a distance [rad, m] above 0", above=0.0)
         self.pace = check_number(pace, "pace", "a number above 0", above=0.0)
         self.longest = check_number(longest, "longest", "seconds above 0", above=0.0)
-        if align not in ("nearest", "clock"):
-            raise InvalidInput("align", repr(align)[:60], "'nearest' or 'clock'")
-        self.align, self.scene = align, scene
+        self.align, self.scene = check_choice(align, "align", ("nearest", "clock")), scene
         check_scene(robot, scene)
         self.others = result.other_limits(self.limits)
         if any(np.ndim(self.limits.value(name)) for name in ("tool_speed", "rotation_speed")):

@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 
 from optik.card import MOST_POINTS, Card, Plot
-from optik.check import check_number
+from optik.check import check_choice, check_kind, check_number
 from optik.errors import InvalidInput
 from optik.types import Array
 from planners.trajectory import curve
@@ -59,8 +59,7 @@ class Trajectory(PiecewiseCurve):
     notes: tuple[str, ...] = ()
 
     def __init__(self, polynomial: Any, s: Array | None = None) -> None:
-        if not isinstance(polynomial, scipy.interpolate.PPoly):
-            raise InvalidInput("polynomial", repr(polynomial)[:60], "a scipy.interpolate.PPoly")
+        check_kind(polynomial, "polynomial", scipy.interpolate.PPoly)
         if polynomial.c.ndim != 3 or polynomial.c.shape[0] > 6:
             raise InvalidInput("polynomial", f"coefficients of shape {polynomial.c.shape}", "(at most 6, m, n)")
         if polynomial.x[0] != 0.0 or not (np.diff(polynomial.x) > 0.0).all():
@@ -400,8 +399,7 @@ def simulate_controller(trajectory: Trajectory, rate: float, interpolation: str)
     InvalidInput
         A rate that is not above 0 or gives more than 1,000,000 points, or another interpolation.
     """
-    if not isinstance(trajectory, Trajectory):
-        raise InvalidInput("trajectory", repr(trajectory)[:60], "a Trajectory")
+    check_kind(trajectory, "trajectory", Trajectory)
     rate = check_number(rate, "rate", "points per second, above 0", above=0.0)
     periods = trajectory.end * rate
     if periods > POINTS:
@@ -414,9 +412,7 @@ def simulate_controller(trajectory: Trajectory, rate: float, interpolation: str)
 
 def count_derivatives(interpolation: str) -> int:
     """Return the number of derivatives (of q, q̇, q̈) that an interpolation passes through."""
-    if not isinstance(interpolation, str) or interpolation not in INTERPOLATIONS:
-        raise InvalidInput("interpolation", repr(interpolation)[:60], f"one of {', '.join(INTERPOLATIONS)}")
-    return INTERPOLATIONS.index(interpolation) + 1
+    return INTERPOLATIONS.index(check_choice(interpolation, "interpolation", INTERPOLATIONS)) + 1
 
 
 def sample_states(trajectory: Trajectory, t: Array) -> tuple[Array, Array, Array]:

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from optik.arm.robot import Robot
-from optik.check import check_number
+from optik.check import check_kind, check_number
 from optik.errors import InvalidInput, InvalidMotion
 from optik.types import Array
 from planners.cell.drives.base import (
@@ -49,8 +49,7 @@ Refusal = tuple[str, str]
 
 def check_plan(plan: Plan, robot: Robot) -> None:
     """Raise InvalidInput unless the argument is a plan of this arm."""
-    if not isinstance(plan, Plan):
-        raise InvalidInput("plan", repr(plan)[:60], "a Plan")
+    check_kind(plan, "plan", Plan)
     if plan.robot != robot:
         raise InvalidInput("plan", f"a plan of {plan.robot.name}", f"a plan of this drive's arm, {robot.name}")
 
@@ -235,8 +234,7 @@ def resume_execution(drive: Drive, execution: Execution, near: Array, options: d
 
 def check_stopped(execution: Execution) -> None:
     """Raise InvalidInput unless an execution was stopped during its motion."""
-    if not isinstance(execution, Execution):
-        raise InvalidInput("execution", repr(execution)[:60], "an Execution")
+    check_kind(execution, "execution", Execution, "an Execution")
     if execution.status not in (ExecutionStatus.STOPPED, ExecutionStatus.FAULT) or execution.motion is None:
         got = f"one with status {execution.status}"
         raise InvalidInput("execution", got, "one that was stopped on request or by a fault")

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optik.arm.robot import Robot
-from optik.check import check_count, real_array
+from optik.check import check_count, check_kind, real_array
 from optik.errors import InvalidInput
 from optik.types import Array, Flags
 from planners.cell.drives import _run, base
@@ -59,8 +59,7 @@ class SimulatedDrive(Drive):
     def __init__(
         self, robot: Robot, q: ArrayLike | None = None, *, step: float = 0.0005, seed: int = 0, **others: Any
     ) -> None:
-        if not isinstance(robot, Robot):
-            raise InvalidInput("robot", repr(robot)[:60], "a Robot")
+        check_kind(robot, "robot", Robot)
         self.robot = robot
         self.options = base.make_options(robot, **others)
         self.period = self.options.period

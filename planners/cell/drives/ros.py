@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from optik.arm.robot import Robot
-from optik.check import check_flag, check_number
+from optik.check import check_flag, check_kind, check_number
 from optik.errors import InvalidInput, NoSolution
 from optik.types import Array
 from planners.cell.drives import _ros_run, _run
@@ -92,8 +92,7 @@ class RosDrive(Drive):
         grace: float = GRACE, latency: float = LATENCY, stops_every: float = STOPS_EVERY,
     ) -> None:  # fmt: skip
         for argument, value, kind in (("robot", robot, Robot), ("transport", transport, Transport)):
-            if not isinstance(value, kind):
-                raise InvalidInput(argument, repr(value)[:60], f"a {kind.__name__}")
+            check_kind(value, argument, kind)
         self.robot, self.transport, self.period = robot, transport, PERIOD
         self.sends = check_flag(execute, "execute")
         if robot.motors is not None:
