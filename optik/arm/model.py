@@ -90,19 +90,14 @@ class ArmModel:
             digest.update(array.tobytes())
         for limit in (lim.velocity, lim.acceleration, lim.jerk):
             digest.update(b"-" if limit is None else limit.tobytes())
-        later = {  # only where known, so that fingerprints of arms without them do not change
-            "torque": None if lim.torque is None else lim.torque.tobytes(),
-            "torque_rate": None if lim.torque_rate is None else lim.torque_rate.tobytes(),
-            "deceleration": None if lim.deceleration is None else lim.deceleration.tobytes(),
-            "velocity_by_position": None if lim.velocity_by_position is None else lim.velocity_by_position.content,
-            "gravity": None if self.gravity_magnitude == STANDARD_GRAVITY else repr(self.gravity_magnitude).encode(),
-            "inertia": None if self.inertia is None else self.inertia.content,
-            "payload": None if self.payload is None else self.payload.content,
-            "motors": None if self.motors is None else self.motors.content,
-            "linkage": None if self.linkage is None else self.linkage.content,
-        }
+        # Only what is known, so that fingerprints of arms without it do not change.
+        later: dict[str, Any] = {name: getattr(lim, name) for name in ("torque", "torque_rate", "deceleration")}
+        gravity = None if self.gravity_magnitude == STANDARD_GRAVITY else repr(self.gravity_magnitude).encode()
+        later |= {"velocity_by_position": lim.velocity_by_position, "gravity": gravity}
+        later |= {name: getattr(self, name) for name in ("inertia", "payload", "motors", "linkage")}
         for name, part in later.items():
             if part is not None:
+                part = part.tobytes() if isinstance(part, np.ndarray) else getattr(part, "content", part)
                 digest.update(name.encode() + part)
         if self.shapes is not None:
             digest.update(self.shapes.content)

@@ -354,7 +354,7 @@ def _judge(
     """Return status, reason and advice of a calibration."""
     from scipy.special import chdtri
 
-    out, most = int(np.count_nonzero(~inliers)), _most_outliers(readings.m)
+    out, most = int(np.count_nonzero(~inliers)), max(0, min(int(MOST_LEFT_OUT * readings.m), readings.m - FEWEST_KEPT))
     if out > most:
         reason = f"{out} of {readings.m} pairs are outliers, and at most {most} may be excluded"
         advice = "check the known points and the stated noise; read more points"
@@ -379,11 +379,6 @@ def _judge(
         reason = f"the residuals are larger than the stated noise allows: {size}, above {most_squares:.4g}"
         return CalibrationStatus.INCONSISTENT, reason, "check the known points and the stated noise"
     return CalibrationStatus.FOUND, "", ""
-
-
-def _most_outliers(m: int) -> int:
-    """Return the largest number of outliers of m pairs: a quarter, such that at least `FEWEST_KEPT` pairs remain."""
-    return max(0, min(int(MOST_LEFT_OUT * m), m - FEWEST_KEPT))
 
 
 def _largest_turn(covariance: Array) -> float:

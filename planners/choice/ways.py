@@ -13,15 +13,8 @@ from optik.registry import label, short_name
 from optik.scene import Scene
 from optik.scene.contact import bodies_of, find_pairs
 from optik.types import Array, Indices
-from planners.choice.choose import (
-    CHOSEN,
-    Choice,
-    ChoiceReport,
-    choose_coefficients,
-    make_choice,
-    pick_plan,
-    report,
-)
+from planners.choice import choose
+from planners.choice.choose import CHOSEN, Choice, ChoiceReport, make_choice, report
 from planners.choice.columns import joint_changes
 from planners.choice.first_paths import DEFAULT_SEARCH, MOST_WAYS, advise_elbow, find_easy, find_first_paths
 from planners.choice.programme import FreeProgramme
@@ -293,12 +286,12 @@ def choose_on_path(
         timed += [one for way in easy if (one := plan_along(path.with_coefficients(way.fit(path), None), way.q[0]))]
     if scene is None or path.segments <= FEW_SEGMENTS:
         ways = [*easy, *ways]
-        more, choice = choose_coefficients(
+        more, choice = choose.choose_coefficients(
             path, fixed.joint_path, optimum, fixed, held=held, plan_along=plan_along, ways=ways
         )
         timed += more
     plans = timed if retime is None else [retime(plan) for plan in timed]
-    best, before = pick_plan([plan for plan in plans if plan] or plans[:1]), plans[0]
+    best, before = choose.pick_plan([plan for plan in plans if plan] or plans[:1]), plans[0]
     if not best:
         return best
     duration = (before if before else best).trajectory.duration

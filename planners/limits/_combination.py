@@ -45,11 +45,8 @@ class Combination(Record):
         rows = np.asarray(matrix)
         if rows.ndim != 2 or not np.isfinite(rows).all():
             raise InvalidInput("combination.matrix", repr(self.matrix)[:60], "rows of one finite number for each joint")
-        try:
-            given = [float(x) for x in np.atleast_1d(self.bound)]
-        except (TypeError, ValueError):
-            raise InvalidInput("combination.bound", repr(self.bound)[:60], "a number above 0 for each row") from None
-        bound = check_positive(given, len(rows), "combination.bound")
+        bound = real_array(self.bound, "combination.bound", "a number above 0 for each row")
+        bound = check_positive(np.atleast_1d(bound), len(rows), "combination.bound")
         names = check_words(self.names, "combination.names") or tuple(f"combination{i + 1}" for i in range(len(rows)))
         if len(names) != len(rows):
             raise InvalidInput("combination.names", ", ".join(names), f"{len(rows)} names")

@@ -15,20 +15,10 @@ from optik.arm.plain import read_record
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
 from optik.types import Array, content
+from planners.limits import kinds
 from planners.limits.base import Limit, ratio_to_limit, sides, symmetric_limit
 from planners.limits.inputs import PathPoints, plain
-from planners.limits.kinds import (
-    ALL_LIMITS,
-    DERIVATIVES,
-    FIELD_LIMITS,
-    LOADED,
-    TOOL_SPEEDS,
-    inside_ends,
-    kind_of,
-    limit_at,
-    limit_names,
-    limits_on_pieces,
-)
+from planners.limits.kinds import ALL_LIMITS, DERIVATIVES, FIELD_LIMITS, LOADED, TOOL_SPEEDS, kind_of
 from planners.paths.base import Path
 from planners.trajectory.curve import monomials
 
@@ -347,7 +337,7 @@ class MotionLimits(ByContent):
             Missing or unknown names, or data that are not a limit.
         """
         extra = (
-            tuple(key for key in data if key not in ALL_LIMITS and key in limit_names())
+            tuple(key for key in data if key not in ALL_LIMITS and key in kinds.limit_names())
             if isinstance(data, dict)
             else ()
         )
@@ -370,13 +360,15 @@ def check_path(limits: MotionLimits, path: Path) -> None:
     for name in TOOL_SPEEDS:
         value = limits.value(name)
         if np.ndim(value):
-            limits_on_pieces(path, np.asarray(value), name)
+            kinds.limits_on_pieces(path, np.asarray(value), name)
 
 
 def tool_limits_at(limits: MotionLimits, path: Path, s: Array) -> Array:
     """Return the greatest tool speeds (k, 2) [m/s, rad/s] at positions (k,) along a path; at a break the lesser of two."""
     given = zip(TOOL_SPEEDS, map(limits.value, TOOL_SPEEDS), limits.tool, strict=True)
-    each = [limit_at(path, np.asarray(v), s, name) if np.ndim(v) else np.full(s.size, most) for name, v, most in given]
+    each = [
+        kinds.limit_at(path, np.asarray(v), s, name) if np.ndim(v) else np.full(s.size, most) for name, v, most in given
+    ]
     return np.stack(each, axis=1)
 
 
@@ -387,7 +379,7 @@ def tool_limits_between(limits: MotionLimits, path: Path, s: Array) -> Array:
     """
     given = zip(TOOL_SPEEDS, map(limits.value, TOOL_SPEEDS), limits.tool, strict=True)
     each = [
-        np.minimum(*inside_ends(path, np.asarray(v), s, name)) if np.ndim(v) else np.full(s.size - 1, most)
+        np.minimum(*kinds.inside_ends(path, np.asarray(v), s, name)) if np.ndim(v) else np.full(s.size - 1, most)
         for name, v, most in given
     ]
     return np.stack(each, axis=1)

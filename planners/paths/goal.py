@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optik.arm.robot import Robot
+from optik.check import real_array
 from optik.errors import InvalidInput
 from optik.ik.problem import check_start
 from optik.types import Array, Flags
@@ -26,10 +27,7 @@ def path_to(robot: Robot, goal: ArrayLike, q_start: ArrayLike | None, winding: s
 def read_goal(robot: Robot, goal: ArrayLike, q_start: ArrayLike | None, winding: str) -> tuple[Array, Array]:
     """Return the start (n,) and a goal: a pose (4, 4), or joints (n,) [rad, m] with the winding to take."""
     expected = f"a Path, a pose (4, 4) or the {robot.n} joints of a goal"
-    try:
-        array = np.asarray(goal, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
-        raise InvalidInput("path", repr(goal)[:60], expected) from None
+    array = real_array(goal, "path", expected)
     if array.shape not in ((4, 4), (robot.n,)):
         raise InvalidInput("path", f"shape {array.shape}", expected)
     if q_start is None:

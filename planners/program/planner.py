@@ -22,7 +22,6 @@ from optik.scene import Scene
 from optik.types import Array
 from planners.certificate.certification import SectionTimes, find_section_times, limits_of_parts, merge_certificates
 from planners.following.branches import CollisionCheck
-from planners.following.failure import PlanFailure
 from planners.following.joint_path import JointPath
 from planners.following.resolve.freedoms import FreeWay, Resolver, can_resolve
 from planners.limits import TOOL_SPEEDS, MotionLimits
@@ -499,7 +498,8 @@ class ProgramPlanner(PartFollower):
                     corners[i - a - 1] = replace(corner, zone=tuple(zones[i].tolist()))
                 if not plan:
                     assert plan.failure is not None
-                    again = a + 1 + self._nearest_corner(plan.failure, places) if len(members) > 1 else -1
+                    nearest = np.abs(places[1:-1] - plan.failure.s)
+                    again = a + 1 + int(nearest.argmin()) if len(members) > 1 else -1
                     if again < 0:
                         yield self.explain(legs[members[0]].part, plan.path, plan.failure, plan.prefix)
                         return
@@ -514,11 +514,6 @@ class ProgramPlanner(PartFollower):
                 yield from out
                 return
             tries[again] += 1
-
-    @staticmethod
-    def _nearest_corner(failure: PlanFailure, places: Array) -> int:
-        """Return the corner of a section that is nearest to the place of its failure."""
-        return int(np.abs(places[1:-1] - failure.s).argmin())
 
     def _plan_section(
         self, legs: list[Leg], sharp: list[Sharp], zones: list[tuple[Any, str]]

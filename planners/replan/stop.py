@@ -15,16 +15,8 @@ from planners.following.joint_path import JointPath
 from planners.motion.motion import find_stretch_factor, match_start, stretch_to_limits
 from planners.planning.planner import PlanRequest
 from planners.planning.result import Plan
-from planners.replan.state import (
-    ENDED,
-    MovingState,
-    build_moving_state,
-    certify_motion,
-    explain_infeasible,
-    path_state,
-    run_law,
-    s_at,
-)
+from planners.replan import state
+from planners.replan.state import MovingState, certify_motion, run_law, s_at
 from planners.timing.base import PathState, StopKind, refit
 from planners.timing.brake import Brake, BrakingMotion, RunningMotion
 from planners.timing.optimal import Optimal
@@ -70,7 +62,7 @@ def _stop_later(request: PlanRequest, start: MovingState, first: Plan) -> Plan:
     t = np.inf if step is None else step * (np.floor(start.t / step + 1e-9) + 1.0)
     if step is None or start.rest is None or start.error is not None or t - start.t >= start.rest.end:
         return first
-    checked = _find_stop(replace(request, start_error=None), build_moving_state(plan, plan.trajectory, t), 0.0)
+    checked = _find_stop(replace(request, start_error=None), state.build_moving_state(plan, plan.trajectory, t), 0.0)
     if not checked or (first and first.duration <= t - start.t + checked.duration):
         return first
     motion = join(cut_after(start.rest, t - start.t), checked.trajectory.without_s)
@@ -89,7 +81,7 @@ def _find_stop(request: PlanRequest, start: MovingState, time_limit: float) -> P
         end = certify_motion(request, start, start.rest, StopKind.END)
         if end or (end.certificate.clearance is not None and end.certificate.clearance.touches):
             return end
-    return best or request.infeasible(start.plan.joint_path, explain_infeasible(request, start, True))
+    return best or request.infeasible(start.plan.joint_path, state.explain_infeasible(request, start, True))
 
 
 def _sweep_stops(request: PlanRequest, start: MovingState) -> Iterator[Plan]:
@@ -197,7 +189,7 @@ def plan_onward(request: PlanRequest, start: MovingState) -> Plan:
         return later
     if touching is not None:
         return touching
-    return request.infeasible(start.plan.joint_path, explain_infeasible(request, start, False))
+    return request.infeasible(start.plan.joint_path, state.explain_infeasible(request, start, False))
 
 
 def _propose_motions(request: PlanRequest, start: MovingState) -> Iterator[Trajectory]:
@@ -240,7 +232,7 @@ def _meet_limits_later(request: PlanRequest, start: MovingState) -> Plan | None:
             break
         goal = rate / (slower * CLOCK_SLOWER)
         braking = brake.run(t, clock, fraction, goal)
-        if braking.motion is None or braking.end >= running.end - ENDED:
+        if braking.motion is None or braking.end >= running.end - state.ENDED:
             continue
         s = s_at(plan, braking.end)
         slow = cut_before(running, braking.end, s).stretched(1.0 / goal)
@@ -259,7 +251,7 @@ def _continue_slowly(
     """Return the plan of a motion that has braked and continues by the law, or by the slowed running motion."""
     later = replace(request, before=(start.plan_limits, first.end))
     joints = start.plan.joint_path
-    at = path_state(joints, s, (slow(0.0), slow(0.0, 1), slow(0.0, 2)))
+    at = state.path_state(joints, s, (slow(0.0), slow(0.0, 1), slow(0.0, 2)))
     quick = run_law(request, joints, request.limits, at)
     for second in (quick, slow):
         if second is not None and second.duration <= slow.duration:

@@ -14,7 +14,8 @@ from optik.types import Array
 from planners import MotionLimits, Polyline, Trajectory, certify, load_motion, plan, replan, save
 from planners.certificate.analysis import MotionAnalysis
 from planners.following.joint_path import JointPath
-from planners.limits import PathPoints, find_tool_limit_changes, tool_limits_at
+from planners.limits import PathPoints, tool_limits_at
+from planners.limits.motion_limits import find_tool_limit_changes
 from planners.motion.motion import find_stretch_factor
 from planners.trajectory.curve import apply_chain_rule, quintic_through
 from tests.planners.cases import START, default_line, paper6r
