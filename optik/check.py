@@ -33,6 +33,14 @@ def real_array(value: Any, argument: str, expected: str, shape: tuple[Any, ...] 
     return array  # type: ignore[no-any-return]
 
 
+def finite_array(value: Any, argument: str, expected: str, shape: tuple[Any, ...] = (...,)) -> Array:
+    """Check that a value is an array of finite numbers; return it as `real_array` does."""
+    array = real_array(value, argument, expected, shape)
+    if not np.isfinite(array).all():
+        raise InvalidInput(argument, "NaN or infinity in it", expected)
+    return array
+
+
 def format_value(value: Any, most: int = 80) -> str:
     """Return a value as one short line, for errors."""
     return " ".join(repr(value).split())[:most]

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from optik.arm.inertia import Payload
 from optik.arm.robot import Robot
-from optik.check import check_choice, check_kind, check_number, real_array
+from optik.check import check_choice, check_kind, check_number, finite_array, real_array
 from optik.errors import InvalidInput
 from optik.se3 import check_pose, nearest_pose
 from optik.types import Array
@@ -59,7 +59,7 @@ class Move:
     frame: str = "tool"
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "vector", _read_finite(self.vector, (3,), "vector", "three numbers [m]"))
+        object.__setattr__(self, "vector", finite_array(self.vector, "vector", "three numbers [m]", (3,)))
         check_choice(self.frame, "frame", FRAMES)
 
 
@@ -100,7 +100,7 @@ class Part:
             raise InvalidInput("goal", "the path of a program", "the parts of that program, or the path of one section")
         if not isinstance(self.goal, Path | Move):
             expected = "joints (n,), a pose (4, 4), a Move or a Path"
-            goal = _read_finite(self.goal, np.shape(self.goal), "goal", expected)
+            goal = finite_array(self.goal, "goal", expected)
             if goal.ndim != 1 and goal.shape != (4, 4):
                 raise InvalidInput("goal", f"shape {goal.shape}", expected)
             object.__setattr__(self, "goal", check_pose(goal, "goal") if goal.ndim == 2 else goal.copy())
@@ -299,11 +299,3 @@ def make_part_path(part: Part, pose: Array | None) -> Path | None:
     if isinstance(part.goal, Move) and pose is None:
         pose = np.eye(4)  # its length is known
     return None if pose is None else Line(pose, displace(pose, part.goal))
-
-
-def _read_finite(value: Any, shape: tuple[int, ...], argument: str, expected: str) -> Array:
-    """Return an array of finite numbers of this shape."""
-    array = real_array(value, argument, expected, shape)
-    if not np.isfinite(array).all():
-        raise InvalidInput(argument, "NaN or infinity in it", expected)
-    return array

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optik.check import check_kind, check_number, real_array
+from optik.check import check_kind, check_number, finite_array
 from optik.errors import InvalidInput, NoSolution
 from optik.ik.base import Tolerance
 from optik.scene import Scene
@@ -166,10 +166,8 @@ def check_measured(plan: Plan, state: tuple[ArrayLike, ArrayLike, ArrayLike] | l
     n = plan.robot.n
     if len(state) != 3:
         raise InvalidInput("state", f"{len(state)} parts", "a time, or position, velocity and acceleration")
-    q, dq, ddq = (real_array(x, "state", f"{n} numbers each") for x in state)
-    if any(x.shape != (n,) or not np.isfinite(x).all() for x in (q, dq, ddq)):
-        raise InvalidInput("state", "another shape, NaN or infinity", f"three arrays of {n} finite numbers")
-    return q.copy(), dq.copy(), ddq.copy()
+    q, dq, ddq = (finite_array(x, "state", f"three arrays of {n} finite numbers", (n,)).copy() for x in state)
+    return q, dq, ddq
 
 
 def _find_tolerances(given: State) -> tuple[float, float, float]:

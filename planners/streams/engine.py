@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from optik.arm.limits import ask_for_degrees
 from optik.arm.robot import Robot
-from optik.check import check_choice, check_kind, check_number, real_array
+from optik.check import check_choice, check_kind, check_number, finite_array
 from optik.errors import InvalidInput
 from optik.scene import Scene
 from optik.scene.contact import check_scene
@@ -414,7 +414,4 @@ def _box(robot: Robot, limits: MotionLimits) -> Array:
 def _joints(value: Any, n: int, argument: str) -> Array:
     """Return finite joint values (n,)."""
     expected = f"a Chunk, a plan, or {n} finite joint values" if argument == "onto" else f"{n} finite numbers"
-    q = real_array(value, argument, expected)
-    if q.shape != (n,) or not np.isfinite(q).all():
-        raise InvalidInput(argument, "NaN or infinity" if q.shape == (n,) else f"shape {q.shape}", expected)
-    return q
+    return finite_array(value, argument, expected, (n,))
