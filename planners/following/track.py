@@ -15,15 +15,8 @@ from optik.arm.robot import Robot
 from optik.ik import Tolerance
 from optik.ik.closed_form import ClosedForm
 from optik.types import Array
-from planners.following import march
-from planners.following.joint_path import (
-    LEAST_SPACING,
-    Course,
-    Nodes,
-    deviation_bounds,
-    slice_nodes,
-    smallest_singular_values,
-)
+from planners.following import joint_path, march
+from planners.following.joint_path import LEAST_SPACING, Course, Nodes, slice_nodes, smallest_singular_values
 
 # ---------------- continue the joint motion along a path at a singular configuration
 
@@ -387,7 +380,7 @@ class _Tracker:
             return march.NOT_MET
         points = np.empty((n, 6))
         s, q, dq = np.array([left.s, right.s]), np.stack([left.q, right.q]), np.stack([left.dq, right.dq])
-        out = deviation_bounds(self.robot, self.course.path, s, q, dq, self.course.pieces)
+        out = joint_path.deviation_bounds(self.robot, self.course.path, s, q, dq, self.course.pieces)
         if not (out[0] <= self.allowed).all():
             return march.LOOSE
         march.control_points(h, left.q, left.dq, right.q, right.dq, points)
