@@ -8,7 +8,7 @@ from functools import partial
 from numpy.typing import ArrayLike
 
 from optik.arm.robot import Robot
-from optik.check import check_count
+from optik.check import check_choice, check_count
 from optik.errors import InvalidInput, NoSolution
 from optik.ik import SolverLike, get_solver
 from optik.ik.base import Tolerance, ToleranceLike
@@ -22,7 +22,7 @@ from planners.following.follow import DEFAULT_TOLERANCE, read_time_limit
 from planners.limits import MotionLimits, check_path
 from planners.motion import PlanStatus
 from planners.paths.base import Path
-from planners.paths.goal import check_winding, path_to
+from planners.paths.goal import WINDINGS, path_to
 from planners.planning.planner import PlanOptions, PlanRequest
 from planners.planning.result import Plan, PlanSeconds
 from planners.program.parts import Program
@@ -133,7 +133,7 @@ def _build_request(
 ) -> PlanRequest:
     """Return the request, with defaults filled in, after checking that the arguments are consistent."""
     law, limits = make_law(options.timing), options.limits
-    avoid, winding, unreachable = check_avoid(options.avoid), check_winding(options.winding), None
+    avoid, winding, unreachable = check_avoid(options.avoid), check_choice(options.winding, "winding", WINDINGS), None
     winding = "exact" if isinstance(path, Path) else winding
     if avoid is not False:
         try:

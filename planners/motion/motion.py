@@ -14,7 +14,7 @@ import scipy
 
 from optik.arm.plain import read_list, read_word
 from optik.arm.robot import Robot
-from optik.check import check_number
+from optik.check import check_kind, check_number
 from optik.errors import InvalidInput, NoSolution
 from optik.ik.base import Tolerance
 from optik.scene import Scene
@@ -189,8 +189,7 @@ class Motion:
         kinds = {"robot": Robot, "path": Path, "limits": MotionLimits, "trajectory": Trajectory, "law": str}
         for argument, kind in kinds.items():
             value = getattr(self, argument)
-            if not isinstance(value, kind):
-                raise InvalidInput(argument, repr(value)[:60], f"a {kind.__name__}")
+            check_kind(value, argument, kind)
         if self.trajectory.n != self.robot.n:
             raise InvalidInput("trajectory", f"{self.trajectory.n} joints", f"the {self.robot.n} of {self.robot.name}")
         self.limits.arrays(self.robot.n)
@@ -414,15 +413,15 @@ def check_statics(joint_path: JointPath, limits: MotionLimits, enforced: tuple[s
             kind_of(name).check_still(joint_path, bounds[name])
     if limits.torque is None or "torque" not in enforced:
         return
-    given = bounds["torque"]
-    pair = np.stack([-given, given]) if given.ndim == 1 else given
-    found = static_torque(joint_path, pair, since)
-    ratio = np.where(np.isfinite(pair[1]), found.found, 0.0)
+    torque = bounds["torque"]
+    pair = np.stack([-torque, torque]) if torque.ndim == 1 else torque
+    still = static_torque(joint_path, pair, since)
+    ratio = np.where(np.isfinite(pair[1]), still.found, 0.0)
     i = int(ratio.argmax())
     if ratio[i] <= 1.0:
         return
-    limit = abs(float(pair[1 if found.upper[i] else 0, i]))
-    robot, s = joint_path.robot, float(found.time[i])
+    limit = abs(float(pair[1 if still.upper[i] else 0, i]))
+    robot, s = joint_path.robot, float(still.time[i])
     force = "N" if robot.prismatic[i] else "N·m"
     raise NoSolution(
         f"the limit of {limit:.6g} {force} on the torque of {robot.joint_names[i]} is below the {ratio[i] * limit:.6g} {force} "
