@@ -9,20 +9,25 @@ from pathlib import Path
 from subprocess import CompletedProcess
 from typing import Any
 
+ROOT = Path(__file__).resolve().parents[1]
 SERVER: Any = get_context("forkserver" if sys.platform.startswith("linux") else "spawn")
 SERVER.set_forkserver_preload(["tests.preloaded"])
+SECONDS = 120.0
+"""After which a process is killed."""
+STREAMS = ("in", "out", "err")
 
 
-def run_code(code: str, arguments: tuple[str, ...], streams: str, cwd: Path, env: dict[str, str], before: Any) -> None:
+def run_code(code: str, arguments: tuple[str, ...], folder: str, cwd: Path, env: dict[str, str], before: Any) -> None:
     """What a process does: as Python with -c, but its streams are files."""
-    for number, name in ((1, "out"), (2, "err")):
-        os.dup2(os.open(f"{streams}/{name}", os.O_WRONLY | os.O_CREAT), number)
+    for number, name in enumerate(STREAMS):
+        os.dup2(os.open(f"{folder}/{name}", os.O_WRONLY if number else os.O_RDONLY), number)
     os.environ.clear()
     os.environ.update(env)
     from numba.core import config
 
     config.reload_config()
-    sys.argv, sys.path[:0] = ["-c", *arguments], ["", *env.get("PYTHONPATH", "").split(os.pathsep)]
+    sys.stdin, sys.argv = os.fdopen(0, closefd=False), ["-c", *arguments]
+    sys.path[:0] = ["", *filter(None, env.get("PYTHONPATH", "").split(os.pathsep))]
     os.chdir(cwd)
     if before:
         before()
@@ -30,19 +35,25 @@ def run_code(code: str, arguments: tuple[str, ...], streams: str, cwd: Path, env
 
 
 def start(
-    code: str, *arguments: str, cwd: Path, env: dict[str, str] | None = None, before: Callable[[], None] | None = None
-) -> Callable[[], CompletedProcess[str]]:
-    """Start a process; what is returned waits for its end."""
+    code: str, *arguments: str, cwd: Path = ROOT, env: dict[str, str] | None = None, data: bytes = b"",
+    before: Callable[[], None] | None = None,
+) -> Callable[[], CompletedProcess[Any]]:  # fmt: skip
+    """Start a process; what is returned waits for its end. With data as input, its output is bytes, too."""
     streams = tempfile.TemporaryDirectory()
+    files = [Path(streams.name) / name for name in STREAMS]
+    for file in files:
+        file.write_bytes(data if file.name == "in" else b"")
     given = code, arguments, streams.name, cwd, dict(os.environ if env is None else env), before
     process = SERVER.Process(target=run_code, args=given)
     process.start()
 
-    def wait() -> CompletedProcess[str]:
-        process.join(120)
-        assert process.exitcode is not None, "it does not end"
-        with streams as folder:
-            out, err = ((Path(folder) / name).read_text() for name in ("out", "err"))
-        return CompletedProcess([*arguments], process.exitcode, out, err)
+    def wait() -> CompletedProcess[Any]:
+        process.join(SECONDS)
+        if process.exitcode is None:
+            process.kill()
+            process.join()
+        with streams:
+            said = [file.read_bytes() for file in files[1:]]
+        return CompletedProcess(arguments, process.exitcode, *(said if data else [x.decode() for x in said]))
 
     return wait

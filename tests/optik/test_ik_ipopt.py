@@ -1,15 +1,12 @@
 """IPOPT's formulation: what it solves, what it counts, what it says, and that it says nothing aloud."""
 
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 
 import optik
 from optik import DHRow, IKStatus, JointLimits, Robot, Tolerance
 from optik.errors import InvalidInput
-from tests import oracles
+from tests import forks, oracles
 from tests.optik.test_ik_dls import problems
 from tests.robots import each_robot
 
@@ -138,10 +135,8 @@ optik.solve_ik(robot, robot.fk([0.1] * 6), [0.2] * 6, solver="ipopt", form={!r})
 @each_form
 def test_the_first_solve_of_a_process_says_nothing_aloud(form):
     # IPOPT greets once a process, so only a fresh one can tell
-    done = subprocess.run(
-        [sys.executable, "-c", FIRST.format(form)], capture_output=True, check=True, cwd=oracles.REPOSITORY
-    )
-    assert done.stdout + done.stderr == b""
+    done = forks.start(FIRST.format(form))()
+    assert (done.returncode, done.stdout + done.stderr) == (0, "")
 
 
 # ---------------------------------------------------------------- options
