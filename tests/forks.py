@@ -14,6 +14,7 @@ SERVER: Any = get_context("forkserver" if sys.platform.startswith("linux") else 
 SERVER.set_forkserver_preload(["tests.preloaded"])
 SECONDS = 120.0
 """After which a process is killed."""
+COMMAND = "from benchmarks.cli.app import main; main()"
 STREAMS = ("in", "out", "err")
 
 
@@ -57,3 +58,8 @@ def start(
         return CompletedProcess(arguments, process.exitcode, *(said if data else [x.decode() for x in said]))
 
     return wait
+
+
+def command(*typed: str) -> CompletedProcess[Any]:
+    """What a command says as it is typed."""
+    return start(COMMAND, *typed)()

@@ -2,7 +2,7 @@
 
 import numba
 
-import planners
+from benchmarks.cli.app import main
 
-assert planners
+assert main
 numba.njit(lambda x: x)(1.0)
