@@ -19,7 +19,6 @@ import planners
 from benchmarks.cli.app import app
 from benchmarks.cli.plan import describe_effort
 from optik.registry import names
-from tests.benchmarks.conftest import optik_process
 from tests.oracles import REPOSITORY
 
 START = "20,-35,40,25,50,-30"
@@ -56,11 +55,11 @@ def test_a_drive_says_why_a_torque_may_exceed_its_bound(tmp_path: Path, typed: A
     assert why not in typed("drive", file)[1]  # without torques
 
 
-def test_plan_line_certifies_and_writes_what_it_prints(tmp_path: Path) -> None:
+def test_plan_line_certifies_and_writes_what_it_prints(tmp_path: Path, typed: Any) -> None:
     file = tmp_path / "plan.json"
-    done = optik_process("plan", "line", "--timing", "ruckig", "--out", str(file), "--json")
-    assert done.returncode == 0
-    printed = json.loads(done.stdout)
+    status, out, _ = typed("plan", "line", "--timing", "ruckig", "--out", str(file), "--json")
+    assert status == 0
+    printed = json.loads(out)
     assert printed["certificate"]["is_valid"] is True
     assert max(printed["certificate"]["jerk"]["ratio"]) <= 1.0
     again = planners.load_motion(file)
