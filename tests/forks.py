@@ -60,6 +60,6 @@ def start(
     return wait
 
 
-def command(*typed: str) -> CompletedProcess[Any]:
-    """What a command says as it is typed."""
-    return start(COMMAND, *typed)()
+def command(*typed: str, **variables: str) -> CompletedProcess[Any]:
+    """What a command says as it is typed, with further variables of the environment."""
+    return start(COMMAND, *typed, env=os.environ | variables)()

@@ -84,7 +84,7 @@ obstacles: [{box}]
 @pytest.fixture
 def published(tmp_path: Path) -> tuple[Path, Array]:
     """Copies of both repositories with one seam each, and the poses of our flange along it."""
-    arm, u = load("panda"), np.linspace(0.0, 1.0, 30)[:, None]
+    arm, u = load("panda"), np.linspace(0.0, 1.0, 20)[:, None]
     q = np.array([0.3, 0.2, 0.1, -1.8, 0.2, 2.0, 0.6]) + u * np.array([0.4, 0.2, -0.2, 0.3, 0.3, -0.2, 0.4])
     flange = arm.fk(q)
     hand = flange[:, :3, :3] @ Rotation.from_euler("z", -45, degrees=True).as_matrix()
