@@ -8,7 +8,6 @@ import json
 import os
 import pickle
 import re
-import subprocess
 import sys
 import tomllib
 from collections.abc import Iterator
@@ -82,14 +81,6 @@ def package(folder: Path, name: str, points: str, **modules: str) -> Path:
     for module, text in modules.items():
         (folder / f"{module}.py").write_text(text)
     return folder
-
-
-def command(*arguments: str, cwd: Path | None = None, path: tuple[Path, ...] = ()) -> subprocess.CompletedProcess[str]:
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(map(str, (REPOSITORY, *path))), "COLUMNS": "160"}
-    return subprocess.run(
-        [sys.executable, "-m", "benchmarks.cli", *arguments],
-        capture_output=True, text=True, timeout=300, cwd=cwd, env=environment,
-    )  # fmt: skip
 
 
 # ---------------------------------------------------------------- files: what is one, and what is refused
@@ -480,7 +471,7 @@ def test_a_warm_solve_looks_at_no_installed_package(monkeypatch: pytest.MonkeyPa
 
 
 def test_the_command_line_lists_what_is_installed_and_what_is_refused(installed: Path) -> None:
-    done = command("doctor", "--json", path=(installed,))
+    done = forks.command("doctor", "--json", PYTHONPATH=str(installed))
     rows = {(r["name"], r["distribution"]): r["refused"] for r in json.loads(done.stdout)["plugins"]}
     assert done.returncode == 1
     assert rows["stay_put", "stays 1.0"] == ""

@@ -1,7 +1,6 @@
 """What every method shares: the judgement that believes none of them, restarts, time, options, and the one call."""
 
 import os
-import pickle
 import subprocess
 import sys
 import time
@@ -307,17 +306,6 @@ def test_dls_ends_at_its_time_limit():
 
 
 # ---------------------------------------------------------------- options
-def test_a_solver_pickles_as_its_robot_and_options():
-    solver = says((START, IKStatus.STALLED, 1), max_restarts=3, time_limit=2.0, tolerance=Tolerance(1e-3, 1e-2))
-    function, (kind, robot, options) = solver.__reduce__()
-    assert (kind, robot) == (Says, PAPER)
-    back = function(kind, robot, options)
-    assert back.options == solver.options
-    dls = pickle.loads(pickle.dumps(DLS(PAPER, tolerance=Tolerance(1e-3, 1e-2), time_limit=2.0)))
-    assert dls.tolerance == Tolerance(1e-3, 1e-2)
-    assert dls.time_limit == 2.0
-
-
 BAD_OPTIONS = [
     ("max_iterations", -1), ("max_iterations", True), ("max_iterations", 3.0), ("max_iterations", np.nan),
     ("max_iterations", 10**9 + 1), ("max_iterations", 10**30), ("max_restarts", -1), ("max_restarts", 10**9 + 1),

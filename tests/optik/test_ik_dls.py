@@ -137,16 +137,6 @@ def test_a_joint_that_starts_on_its_limit_may_leave_it():
     assert np.abs(result.q - inside).max() < 1e-4
 
 
-def test_a_target_out_of_reach_is_a_failure_with_the_best_iterate():
-    q = np.radians([20, -35, 40, 25, 50, -30])
-    far = oracles.trans(x=5.0) @ PAPER.fk(q)
-    result = DLS(PAPER).solve(far, q, trace=True)
-    assert result.status is IKStatus.UNREACHABLE
-    assert result.iterations == 100
-    found = np.hypot(result.position_error, result.rotation_error)
-    assert abs(found - np.linalg.norm(result.trace, axis=1).min()) < 1e-12
-
-
 # ---------------------------------------------------------------- options
 BAD_OPTIONS = [
     ("damping", -1e-9), ("damping", np.nan), ("damping", np.inf), ("step", 0.0), ("step", -1.0), ("step", np.nan),

@@ -112,19 +112,6 @@ def test_a_time_limit_that_is_over_at_once_is_the_status(form):
     assert result.message == "IPOPT: User_Requested_Stop"
 
 
-@each_form
-def test_building_and_solving_say_nothing_aloud(form, capfd):
-    solver = IPOPT(PAPER, form=form)
-    for target in (PAPER.fk(START), oracles.trans(x=5.0) @ PAPER.fk(START)):
-        for trace in (False, True):
-            solver.solve(target, np.zeros(6), trace=trace)
-    solver.with_options(max_iterations=1).solve(PAPER.fk(START), np.zeros(6))
-    with pytest.raises(InvalidInput):
-        IPOPT(PAPER, form=form, solver_options={"no_such_option": 1})
-    captured = capfd.readouterr()
-    assert captured.out + captured.err == ""
-
-
 FIRST = """
 import optik
 robot = optik.load("paper6r")

@@ -38,11 +38,12 @@ def planned(**law: Any) -> Plan:
 
 
 @cache
-def program() -> ProgramPlan:
+def program(**law: Any) -> ProgramPlan:
     goal = arm().fk(BENT).copy()
     goal[:3, 3] += (0.25, -0.2, 0.1)
     parts = [Part(Line(arm().fk(BENT), goal)), Dwell(0.2), Part(Line(goal, arm().fk(BENT)))]
-    found = plan(arm(), Program(parts), BENT, limits=MotionLimits.of(arm(), acceleration=10.0, jerk=100.0))
+    limits = MotionLimits.of(arm(), acceleration=10.0, jerk=100.0)
+    found = plan(arm(), Program(parts), BENT, limits=limits, timing=make_law("optimal", **law))
     assert isinstance(found, ProgramPlan)
     return found
 
@@ -69,14 +70,11 @@ def test_a_quiet_motion_leaves_the_mode_at_rest() -> None:
 
 
 def test_a_curved_path_and_a_program_are_quiet_too() -> None:
-    goal = arm().fk(BENT).copy()
-    goal[:3, 3] += (0.25, -0.2, 0.1)
-    path, limits = Line(arm().fk(BENT), goal), MotionLimits.of(arm(), acceleration=10.0, jerk=100.0)
+    found = program(quiet=9.0)
+    path, limits = found.sections[0].path, found.sections[0].limits
     one = plan(arm(), path, BENT, limits=limits, timing=make_law("optimal", quiet=9.0))
     s = np.interp(np.linspace(0.0, one.duration, 20_001), one.trajectory.knots, one.trajectory.s)
     assert one and np.isfinite(s).all()
-    parts = [Part(path), Dwell(0.1), Part(Line(goal, arm().fk(BENT)))]
-    found = plan(arm(), Program(parts), BENT, limits=limits, timing=make_law("optimal", quiet=9.0))
     assert found and all(section.duration == pytest.approx(one.duration, rel=0.05) for section in found.sections)
     assert replan(found, 0.3 * found.duration)
 
@@ -90,16 +88,9 @@ def test_a_frequency_is_above_zero(quiet: Any) -> None:
 
 
 def test_a_quiet_motion_has_no_other_duration() -> None:
-    limits = MotionLimits.of(arm(), acceleration=10.0, jerk=100.0)
+    quiet = planned(quiet=7.0)
     with pytest.raises(InvalidInput, match="moves the frequency"):
-        plan(
-            arm(),
-            JointLine(arm(), BENT, BENT + TURN),
-            BENT,
-            limits=limits,
-            timing=make_law("optimal", quiet=7.0),
-            duration=3.0,
-        )
+        plan(arm(), quiet.path, BENT, limits=quiet.limits, timing=make_law("optimal", quiet=7.0), duration=3.0)
 
 
 # ---------------------------------------------------------------- rms torque
