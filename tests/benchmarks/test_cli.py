@@ -308,11 +308,6 @@ def test_misuse_is_one_line_and_exit_status_two(arguments: list[str], words: str
     assert out == ""
 
 
-def test_unknown_options_are_exit_status_two(typed: Any) -> None:
-    status, _, said = typed("plan", "line", "--sampels", "3")
-    assert (status, "--samples" in said) == (2, True)
-
-
 def test_what_ik_prints_for_a_sliding_joint_is_what_fk_takes(typed: Any) -> None:
     q = np.array([0.3, 0.9, 0.12, -0.4])
     scara = optik.load("irb910sc")

@@ -119,11 +119,8 @@ def test_the_best_are_those_that_no_interval_tells_from_the_best() -> None:
         {"label": "a", "v": (5.0, 4.0, 6.0), "w": 1.0},
         {"label": "b", "v": (4.5, 4.2, 4.8), "w": 1.0},
         {"label": "c", "v": (9.0, 8.0, 9.5), "w": None},
-        {
-            "label": "d",
-            "v": (5.2, 4.7, 5.7),
-            "w": 1.0,
-        },  # overlaps with the best, and yet neither value is in the other's
+        # overlaps with the best, and yet neither value is in the other's
+        {"label": "d", "v": (5.2, 4.7, 5.7), "w": 1.0},
     )
     shown = shown_rows(Table("t", "t", columns, rows))
     assert [row[1].best for row in shown] == [True, True, False, False]

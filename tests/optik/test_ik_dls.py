@@ -158,11 +158,6 @@ def test_numpys_whole_numbers_count():
     assert DLS(PAPER, max_iterations=np.int64(7)).max_iterations == 7
 
 
-def test_options_are_those_that_were_given():
-    given = {"damping": 0.3, "step": 0.5, "as_printed": True, "max_iterations": 7}
-    assert given.items() <= DLS(PAPER, **given).options.items()
-
-
 def test_a_read_only_or_strided_problem_compiles_nothing():
     (target,), (start,) = problems("paper6r", 1, 44)
     expected, compiled = DLS(PAPER).solve(target, start), len(iterate.signatures)
