@@ -34,7 +34,7 @@ def rates(path: Curve, order: int) -> Array:
 
 # ---------------------------------------------------------------- which points it answers
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "reversal"])
-@pytest.mark.parametrize("seed", [*range(3), *(pytest.param(seed, marks=pytest.mark.soak) for seed in range(3, 15))])
+@pytest.mark.parametrize("seed", [*range(2), *(pytest.param(seed, marks=pytest.mark.soak) for seed in range(2, 15))])
 def test_any_points_without_a_reversal_give_a_curve_within_the_tolerance(kind: str, seed: int) -> None:
     rng = np.random.default_rng([22, seed])
     points, noise = drawn(rng, kind)
