@@ -194,10 +194,8 @@ def test_ratios_at_reversals_are_exact() -> None:
     c[2, 0, 0], c[3, 0, 0], c[4, 0, 0] = 1.0 / 3.0, -1.0, 2.0 / 3.0  # q̇ = t² − 2 t + 2 / 3
     motion = Trajectory(scipy.interpolate.PPoly(c, np.array([0.0, 2.0])))
     value = AccelerationByVelocity(1.5, 4.0, 2.0)
-    bound, kind = (
-        MotionLimits(extra={"acceleration_by_velocity": value}).bounds(6)["acceleration_by_velocity"],
-        kind_of("acceleration_by_velocity"),
-    )
+    bound = MotionLimits(extra={"acceleration_by_velocity": value}).bounds(6)["acceleration_by_velocity"]
+    kind = kind_of("acceleration_by_velocity")
     from planners.certificate.analysis import MotionAnalysis
 
     t = np.linspace(0.0, 2.0, 2_000_001)

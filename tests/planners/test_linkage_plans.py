@@ -236,10 +236,8 @@ def test_derivatives_for_the_choice_of_paths_are_differences(kind: str) -> None:
     np.testing.assert_allclose(twist, np.einsum("kin,kn->ki", robot.jacobian(path[0]), path[1]), atol=1e-12)
     scene = Scene(spheres=[((0.6, 0.5, 0.9), 0.1)])
     pairs = find_pairs(robot, scene)
-    bodies, slots = (
-        (robot.shapes.capsules, scene.arrays, pairs.bodies, pairs.hulls),
-        np.tile(np.arange(len(pairs.bodies)), (3, 1)),
-    )
+    bodies = (robot.shapes.capsules, scene.arrays, pairs.bodies, pairs.hulls)
+    slots = np.tile(np.arange(len(pairs.bodies)), (3, 1))
 
     def rooms(q: Array) -> Array:
         room = np.empty(slots.shape)

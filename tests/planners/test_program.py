@@ -124,10 +124,8 @@ def test_a_program_without_a_path_in_space_has_no_path_error_but_rounding():
 
 def check_collinear(seed: int) -> None:
     """One line of a random arm, and the same cut into two to four parts with zones between."""
-    rng, name = (
-        np.random.default_rng([31, seed]),
-        ("ur5e", "kr6", "irb120", "gen3lite", "panda", "iiwa14", "fr3")[seed % 7],
-    )
+    rng = np.random.default_rng([31, seed])
+    name = ("ur5e", "kr6", "irb120", "gen3lite", "panda", "iiwa14", "fr3")[seed % 7]
     robot, one = optik.load(name), None
     while not one:
         q = robot.limits.middle + np.minimum(robot.limits.half, 2.5) * rng.uniform(-0.7, 0.7, robot.n)

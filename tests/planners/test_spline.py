@@ -93,10 +93,8 @@ def test_a_curve_of_larger_points_is_the_larger_curve() -> None:
     for scale in (1e-3, 1.0, 1e4):
         for tolerance in (0, (1e-4, 1e-3)):
             own = (scale * tolerance[0], tolerance[1]) if isinstance(tolerance, tuple) else 0
-            small, large = (
-                Spline(points, orientation=UP, tolerance=tolerance),
-                Spline(scale * points, orientation=UP, tolerance=own),
-            )
+            small = Spline(points, orientation=UP, tolerance=tolerance)
+            large = Spline(scale * points, orientation=UP, tolerance=own)
             s = np.linspace(0.0, 1.0, 101)
             near = 1e-9 if tolerance == 0 else 1e-5
             np.testing.assert_allclose(
