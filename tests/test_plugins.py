@@ -406,6 +406,8 @@ def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     package(site, "others", "[optik.ik]\nboth = stays:METHOD\nabsent = stays:nothing\n[optik.robots]\nmade = arms:make\n",
             arms="import optik\ndef make():\n    return optik.load('ur5e')\n")  # fmt: skip
     monkeypatch.syspath_prepend(site)
+    for module in ("stays", "arms"):
+        sys.modules.pop(module, None)
     return site
 
 
@@ -534,6 +536,8 @@ def myarms(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     write(site / "in_the_package.toml", SUITE)
     monkeypatch.delitem(sys.modules, "myarms", raising=False)
     monkeypatch.syspath_prepend(site)
+    for module in ("stays", "arms"):
+        sys.modules.pop(module, None)
     return site
 
 

@@ -167,7 +167,7 @@ def _in_toml(block: dict[str, Any]) -> str:
         ("problems/panda__bent.yaml", "[0.1, 0.2,", "[0.1, x,", r"path_xyz_offset: expected 3 finite numbers; got 'x'"),
         ("paths/bent.csv", "time,x", "t,x", r"bent\.csv, line 1: expected 'time,x,.*; got 't,x,"),
         ("paths/bent.csv", "\n0,", "\n0,0,", r"bent\.csv, line 2: expected 8 numbers"),
-        ("paths/bent.csv", "\n1,", "\nnan,", r"bent\.csv, line 31: expected 8 numbers"),
+        ("paths/bent.csv", "\n1,", "\nnan,", r"bent\.csv, line 21: expected 8 numbers"),
     ],
 )  # fmt: skip
 def test_wrong_files_give_one_line_that_names_key_value_and_what_is_expected(
