@@ -73,7 +73,7 @@ def panda() -> None:
     planners.replan(plan, 0.3 * plan.trajectory.duration, stop=True)
 
 
-def free() -> None:
+def choices() -> None:
     """Choose paths around an obstacle and with freedoms."""
     robot, limits = optik.load("panda"), planners.MotionLimits(2.0, 10.0, 100.0)
     wall = optik.Scene(margin=0.002, boxes=((optik.se3.pose(p=[0.5, 0.3, 0.35]), np.array([0.5, 0.02, 0.7])),))
@@ -148,7 +148,7 @@ def pages() -> None:
             runpy.run_path(str(example), run_name="__main__")
 
 
-WARM_UP: dict[str, Callable[[], None]] = {part.__name__: part for part in (lines, ik, panda, demo, free, streams, cell)}
+WARM_UP: dict[str, Callable[[], None]] = {part.__name__: part for part in (lines, ik, panda, demo, choices, streams, cell)}
 """The parts that an installed package can run, in the best order for two processes."""
 COMPARED = ("demo",)
 """The parts that need the extra `bench`."""
