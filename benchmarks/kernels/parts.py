@@ -148,7 +148,9 @@ def pages() -> None:
             runpy.run_path(str(example), run_name="__main__")
 
 
-WARM_UP: dict[str, Callable[[], None]] = {part.__name__: part for part in (lines, ik, panda, demo, choices, streams, cell)}
+WARM_UP: dict[str, Callable[[], None]] = {
+    part.__name__: part for part in (lines, ik, panda, demo, choices, streams, cell)
+}
 """The parts that an installed package can run, in the best order for two processes."""
 COMPARED = ("demo",)
 """The parts that need the extra `bench`."""
