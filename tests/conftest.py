@@ -1,6 +1,8 @@
 """What every test shares: property tests that draw the same examples in every run and are never timed."""
 
+import gc
 import os
+from collections.abc import Iterator
 from zlib import crc32
 
 import pytest
@@ -33,6 +35,17 @@ def pytest_configure(config: pytest.Config) -> None:
         except ValueError as error:
             raise pytest.UsageError(str(error)) from None
     settings.load_profile("soak" if config.option.markexpr.startswith("soak") else "optik")
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Iterator[None]:
+    """Nothing of what is collected is garbage: looking for some takes a third of the time."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

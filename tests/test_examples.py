@@ -1,6 +1,5 @@
 """The example scripts run as their first lines say, from any folder, and print what a reader expects."""
 
-import json
 import re
 import subprocess
 import sys
@@ -8,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from tests import forks
 from tests.oracles import REPOSITORY
 
 EXAMPLES = REPOSITORY / "examples"
@@ -32,37 +32,19 @@ def test_every_script_is_here() -> None:
 
 
 RUN = """
-import contextlib, io, json, runpy, sys
-printed = {}
-for name, file, *arguments in json.load(sys.stdin):
-    sys.argv, sys.path[0] = [file, *arguments], file.rpartition("/")[0]
-    print(name, file=sys.stderr)
-    with contextlib.redirect_stdout(io.StringIO()) as out:
-        runpy.run_path(file, run_name="__main__")
-    printed[name] = out.getvalue()
-print(json.dumps(printed))
+import runpy, sys
+sys.argv, sys.path[0] = sys.argv[1:], sys.argv[1].rpartition("/")[0]
+runpy.run_path(sys.argv[0], run_name="__main__")
 """
-"""Runs scripts in one process, each with a namespace of its own: imports are most of a process's time."""
-
-
-@pytest.fixture(name="printed", scope="module")
-def _printed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    """What each script prints on the output stream; none writes to the error stream."""
-    commands = [(name, (EXAMPLES / f"{name}.py").as_posix(), *ARGUMENTS.get(name, [])) for name in EXPECTED]
-    done = subprocess.run(
-        [sys.executable, "-c", RUN], input=json.dumps(commands), cwd=tmp_path_factory.mktemp("examples"),
-        capture_output=True, text=True, timeout=300, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    assert done.stderr.split() == list(EXPECTED)
-    printed: dict[str, str] = json.loads(done.stdout)
-    return printed
 
 
 @pytest.mark.parametrize("name", EXPECTED)
-def test_an_example_prints_what_a_reader_expects(name: str, printed: dict[str, str]) -> None:
-    assert re.search(EXPECTED[name], printed[name]), printed[name]
-    assert len((EXAMPLES / f"{name}.py").read_text(encoding="utf-8").splitlines()) <= MOST_LINES
+def test_an_example_prints_what_a_reader_expects(name: str, tmp_path: Path) -> None:
+    file = EXAMPLES / f"{name}.py"
+    done = forks.start(RUN, file.as_posix(), *ARGUMENTS.get(name, []), cwd=tmp_path)()
+    assert (done.returncode, done.stderr) == (0, "")
+    assert re.search(EXPECTED[name], done.stdout), done.stdout
+    assert len(file.read_text(encoding="utf-8").splitlines()) <= MOST_LINES
 
 
 def test_an_example_runs_by_its_name_from_any_folder(tmp_path: Path) -> None:

@@ -8,7 +8,6 @@ import json
 import os
 import pickle
 import re
-import subprocess
 import sys
 import tomllib
 from collections.abc import Iterator
@@ -35,7 +34,7 @@ from optik import registry
 from optik.errors import AssumptionWarning, InvalidInput, MissingDependency, UnknownName
 from optik.plugins import files
 from planners.paths import path_of
-from tests import conftest
+from tests import conftest, forks
 from tests.oracles import REPOSITORY
 from tests.outside import EXAMPLES as EXAMPLE_OF
 from tests.planners import contacts
@@ -82,14 +81,6 @@ def package(folder: Path, name: str, points: str, **modules: str) -> Path:
     for module, text in modules.items():
         (folder / f"{module}.py").write_text(text)
     return folder
-
-
-def command(*arguments: str, cwd: Path | None = None, path: tuple[Path, ...] = ()) -> subprocess.CompletedProcess[str]:
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(map(str, (REPOSITORY, *path))), "COLUMNS": "160"}
-    return subprocess.run(
-        [sys.executable, "-m", "benchmarks.cli", *arguments],
-        capture_output=True, text=True, timeout=300, cwd=cwd, env=environment,
-    )  # fmt: skip
 
 
 # ---------------------------------------------------------------- files: what is one, and what is refused
@@ -270,10 +261,7 @@ def test_a_solver_from_a_file_answers_the_same_in_another_process_that_knows_not
         "import pickle, sys; solver = pickle.load(sys.stdin.buffer)\n"
         "print(type(solver).name, solver.solve(solver.robot.fk([0.1] * 6), [0.0] * 6).message)"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code], input=data, capture_output=True, check=False, cwd=tmp_path,
-        env=os.environ | {"PYTHONPATH": str(REPOSITORY)},
-    )  # fmt: skip
+    done = forks.start(code, data=data, cwd=tmp_path)()
     assert done.stdout.split() == [b"stay_5", b"there"], done.stderr.decode()
 
 
@@ -317,10 +305,7 @@ def test_a_file_imports_its_neighbours_and_they_are_part_of_it(tmp_path: Path, m
     assert [solver.solve(paper6r().fk(START), START).message for solver in made] == ["one", "two"]
     file, deep = tmp_path / "two" / "says.py", tmp_path / "two" / "deep.py"
     code = "import pickle, sys; s = pickle.load(sys.stdin.buffer); print(s.solve(s.robot.fk([0.1] * 6), [0.0] * 6).message)"
-    there = subprocess.run(
-        [sys.executable, "-c", code], input=pickle.dumps(made[1]), capture_output=True, check=False, cwd=tmp_path,
-        env=os.environ | {"PYTHONPATH": str(REPOSITORY)},
-    )  # fmt: skip
+    there = forks.start(code, data=pickle.dumps(made[1]), cwd=tmp_path)()
     assert there.stdout.split() == [b"two"], there.stderr.decode()
     (recorded,) = files.record_plugins([files.UsedPlugin("optik.ik", "says", file)])
     sums = "".join(
@@ -402,7 +387,7 @@ def test_a_compiled_function_of_a_file_is_kept_beside_it_and_compiled_alone_agai
     )
     for doc, factor, said in (('"""Doubles a number."""', "2.0", "3.0 2.5 1 1"), ("", "4.0", "6.0 2.5 0 1")):
         write(file, KERNEL, doc=doc, factor=factor)
-        done = subprocess.run([sys.executable, "-c", code, str(file)], capture_output=True, text=True, cwd=REPOSITORY)
+        done = forks.start(code, str(file))()
         assert done.stdout.split() == said.split(), done.stderr
     assert len(list((tmp_path / "__pycache__").glob("doubles.*.nbk"))) == 2
 
@@ -421,6 +406,8 @@ def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     package(site, "others", "[optik.ik]\nboth = stays:METHOD\nabsent = stays:nothing\n[optik.robots]\nmade = arms:make\n",
             arms="import optik\ndef make():\n    return optik.load('ur5e')\n")  # fmt: skip
     monkeypatch.syspath_prepend(site)
+    for module in ("stays", "arms"):
+        sys.modules.pop(module, None)
     return site
 
 
@@ -486,7 +473,7 @@ def test_a_warm_solve_looks_at_no_installed_package(monkeypatch: pytest.MonkeyPa
 
 
 def test_the_command_line_lists_what_is_installed_and_what_is_refused(installed: Path) -> None:
-    done = command("doctor", "--json", path=(installed,))
+    done = forks.command("doctor", "--json", PYTHONPATH=str(installed))
     rows = {(r["name"], r["distribution"]): r["refused"] for r in json.loads(done.stdout)["plugins"]}
     assert done.returncode == 1
     assert rows["stay_put", "stays 1.0"] == ""
@@ -549,6 +536,8 @@ def myarms(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     write(site / "in_the_package.toml", SUITE)
     monkeypatch.delitem(sys.modules, "myarms", raising=False)
     monkeypatch.syspath_prepend(site)
+    for module in ("stays", "arms"):
+        sys.modules.pop(module, None)
     return site
 
 

@@ -12,6 +12,7 @@ import pytest
 
 from optik.registry import own_names
 from planners.limits import ALL_LIMITS
+from tests import forks
 
 ROOT = Path(__file__).resolve().parents[1]
 TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -19,7 +20,7 @@ TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
 
 def test_the_readme_s_python_runs() -> None:
     (code,) = re.findall(r"```python\n(.*?)```", TEXT, flags=re.S)
-    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=300)
+    done = forks.start(code)()
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("True ")
 

@@ -73,6 +73,27 @@ def panda() -> None:
     planners.replan(plan, 0.3 * plan.trajectory.duration, stop=True)
 
 
+def choices() -> None:
+    """Choose paths around an obstacle and with freedoms."""
+    robot, limits = optik.load("panda"), planners.MotionLimits(2.0, 10.0, 100.0)
+    wall = optik.Scene(margin=0.002, boxes=((optik.se3.pose(p=[0.5, 0.3, 0.35]), np.array([0.5, 0.02, 0.7])),))
+    goal = np.array([1.2, 0.3, 0.1, -1.9, -0.1, 2.1, 0.9])
+    planners.plan(robot, goal, REST, limits=limits, scene=wall, avoid=True)
+    start = robot.fk(REST)
+    line = planners.Line(start, optik.se3.pose(start[:3, :3], start[:3, 3] + [0.0, 0.2, 0.1]))
+    planners.plan(robot.with_payload(1.0), planners.free(line, turn=True, tilt=0.2), REST, scene=optik.Scene())
+    planners.plan(robot, planners.free(line, turn=1.0), limits=limits, timing="smooth")
+
+
+def streams() -> None:
+    """Lead a motion elsewhere: by chunks of joints and of poses."""
+    robot, limits = optik.load("panda"), planners.MotionLimits(2.0, 10.0, 100.0)
+    plan = planners.plan(robot, REST + 0.2, REST, limits=limits)
+    waves = np.sin(np.arange(20)[:, None] * np.linspace(0.05, 0.1, 7))
+    for targets in (REST + 0.3 * waves, robot.fk(REST + 0.3 * waves)):
+        planners.retarget(plan, at=0.1, onto=planners.streams.Chunk(targets, rate=20.0, observed=0.05))
+
+
 def cell() -> None:
     """Move to a laser spot, with corrections."""
     from planners.cell import Cell, PanTiltLaser
@@ -84,15 +105,18 @@ def cell() -> None:
 
 
 def demo() -> None:
-    """Run the demo in this process."""
-    from benchmarks.experiments.claims import judge_claims
+    """Run the demo in this process, with so few problems for each method that only compiling takes time."""
     from benchmarks.report import write_report
     from benchmarks.run import run_suite
-    from benchmarks.suite import load_suite
+    from benchmarks.suite import load_suite, suite_of
 
+    settings = load_suite("paper").settings
+    for block in (*settings["budgets"], *settings["calls"]):
+        for method in block["methods"]:
+            method["max_problems"] = 200
     with tempfile.TemporaryDirectory() as folder:
-        run = run_suite(load_suite("paper"), Path(folder) / "run")
-        write_report(run), judge_claims(run)
+        run = run_suite(suite_of("paper", settings), Path(folder) / "run")
+        write_report(run)
 
 
 def chains() -> None:
@@ -124,7 +148,9 @@ def pages() -> None:
             runpy.run_path(str(example), run_name="__main__")
 
 
-WARM_UP: dict[str, Callable[[], None]] = {"lines": lines, "ik": ik, "panda": panda, "cell": cell, "demo": demo}
+WARM_UP: dict[str, Callable[[], None]] = {
+    part.__name__: part for part in (lines, ik, panda, demo, choices, streams, cell)
+}
 """The parts that an installed package can run, in the best order for two processes."""
 COMPARED = ("demo",)
 """The parts that need the extra `bench`."""

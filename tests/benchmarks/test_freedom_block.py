@@ -130,7 +130,7 @@ def test_a_peer_has_rows_beside_ours_and_a_reason_where_it_does_not_take_the_lim
 
 
 def test_the_peer_turns_the_tool_as_we_do_and_takes_no_via_points(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(casadi_simultaneous, "SIMULTANEOUS_INTERVALS", 12)
+    monkeypatch.setattr(casadi_simultaneous, "SIMULTANEOUS_INTERVALS", 8)
     block = FreedomBlock.read({"id": "f", "sets": SETS, "limits": [LIMITS]})
     problem = draw(block.sets[0], block.limits, 2026, 1)
     limits = block.limits[0].of(problem[0])

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import subprocess
-import sys
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -33,7 +31,7 @@ from optik import DHRow, JointLimits, Robot
 from optik.errors import InvalidInput
 from optik.ik.problem import UNREACHABLE
 from optik.registry import build_method
-from tests import oracles
+from tests import forks, oracles
 from tests.seeds import shift_seed
 
 SIX = ("paper6r", "puma560", "ur5e")
@@ -182,7 +180,7 @@ def test_a_hash_is_the_same_in_another_process_and_out_of_the_table_of_a_run(tmp
         "import optik; from benchmarks.problems.at_limits import at_limits as a; "
         "print(a(optik.load('paper6r'), 4, count=5).sha256)"
     )
-    found = subprocess.run([sys.executable, "-c", line], capture_output=True, text=True, check=True).stdout.strip()
+    found = forks.start(line)().stdout.strip()
     problems.frame(robot).write_parquet(tmp_path / "problems.parquet")
     stored = pl.read_parquet(tmp_path / "problems.parquet")
     content = hashlib.sha256(f"{len(stored)} problems, {robot.n} joints\n".encode())

@@ -119,11 +119,8 @@ def test_the_best_are_those_that_no_interval_tells_from_the_best() -> None:
         {"label": "a", "v": (5.0, 4.0, 6.0), "w": 1.0},
         {"label": "b", "v": (4.5, 4.2, 4.8), "w": 1.0},
         {"label": "c", "v": (9.0, 8.0, 9.5), "w": None},
-        {
-            "label": "d",
-            "v": (5.2, 4.7, 5.7),
-            "w": 1.0,
-        },  # overlaps with the best, and yet neither value is in the other's
+        # overlaps with the best, and yet neither value is in the other's
+        {"label": "d", "v": (5.2, 4.7, 5.7), "w": 1.0},
     )
     shown = shown_rows(Table("t", "t", columns, rows))
     assert [row[1].best for row in shown] == [True, True, False, False]
@@ -303,7 +300,9 @@ def test_on_paper_the_legend_has_lines_and_areas() -> None:
 # ------------------------------------------------------------ from the command line
 
 
-def test_every_format_is_written_into_the_run(copied: RunFolder, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture
+def failing(copied: RunFolder, monkeypatch: pytest.MonkeyPatch) -> RunFolder:
+    """A run with failures, one table and winners."""
     winner = Winner(
         "Who?", "%", "more", (("a", 90.0, 80.0, 95.0), ("b", 85.0, 70.0, 91.0), ("c", 1.0, 0.5, 2.0)), "methods"
     )
@@ -314,49 +313,57 @@ def test_every_format_is_written_into_the_run(copied: RunFolder, monkeypatch: py
     copied.write_json("run.json", copied.manifest() | {"failed": failed})
     shown = replace(budgets.REPORT, tables=lambda run: [TABLE], winners=lambda run: [winner])
     monkeypatch.setattr(budgets, "REPORT", shown)
-    few = tuple(
-        section for section in timing.REPORT.sections if section.title == "Clearance"
-    )  # no figure: each takes 0.5 s
+    few = tuple(one for one in timing.REPORT.sections if one.title == "Clearance")  # no figure: each takes 0.5 s
     bare = replace(timing.REPORT, tables=lambda run: [], winners=lambda run: [], sections=few)
     monkeypatch.setattr(timing, "REPORT", bare)
+    return copied
+
+
+def test_tables_are_written_into_the_run(failing: RunFolder) -> None:
     for name, files in (
         ("csv", ["tables/winners.csv", "tables/odd.csv", "tables/failed-budgets.csv"]),
         ("tex", ["tables/winners.tex", "tables/odd.tex", "tables/failed-budgets.tex"]),
     ):
-        done = CliRunner().invoke(app, ["bench", "report", str(copied.path), "--format", name, "--json"])
+        done = CliRunner().invoke(app, ["bench", "report", str(failing.path), "--format", name, "--json"])
         assert done.exit_code == 0, done.output
-        assert [str(Path(f).relative_to(copied.path)) for f in json.loads(done.stdout)["files"]] == files
-    chosen = ["bench", "report", str(copied.path), "--format", "tex", "--json", "--columns", "us, rest"]
+        assert [str(Path(f).relative_to(failing.path)) for f in json.loads(done.stdout)["files"]] == files
+    chosen = ["bench", "report", str(failing.path), "--format", "tex", "--json", "--columns", "us, rest"]
     done = CliRunner().invoke(app, chosen)
     assert [Path(f).name for f in json.loads(done.stdout)["files"]] == ["odd.tex"]
-    assert "few ask" in (copied.path / "tables/odd.tex").read_text() and "problems" not in done.stdout
-    assert not (copied.path / "tables/winners.tex").exists(), "tables of other columns do not stay beside the new ones"
-    plain = ["bench", "report", str(copied.path), "--columns"]
+    assert "few ask" in (failing.path / "tables/odd.tex").read_text() and "problems" not in done.stdout
+    assert not (failing.path / "tables/winners.tex").exists(), "tables of other columns do not stay beside the new ones"
+    plain = ["bench", "report", str(failing.path), "--columns"]
     for wrong in (["us, x", "--format", "tex"], ["us"], ["us", "--format", "pdf"]):
         assert isinstance(CliRunner().invoke(app, [*plain, *wrong]).exception, InvalidInput)
-    done = CliRunner().invoke(app, ["bench", "report", str(copied.path), "--format", "pdf", "--json"])
-    assert done.exit_code == 0, done.output
-    figures = [Path(file) for file in json.loads(done.stdout)["files"]]
-    assert len(figures) > 3 and all(file.read_bytes().startswith(b"%PDF") for file in figures)
-    winners = pl.read_csv(copied.path / "tables/winners.csv").row(0, named=True)
+    winners = pl.read_csv(failing.path / "tables/winners.csv").row(0, named=True)
     assert (winners["best"], winners["value"], winners["tied"], winners["second"]) == ("a", 90.0, "b", "c")
-    crashes = pl.read_csv(copied.path / "tables/failed-budgets.csv").rows()
-    titles = {block.id: block.title for _, block in Run(copied).suite.pairs()}
+    crashes = pl.read_csv(failing.path / "tables/failed-budgets.csv").rows()
+    titles = {block.id: block.title for _, block in Run(failing).suite.pairs()}
     first = ("corrected <b>, x", titles["misprint"], 4, "SIGSEGV", 2)
     assert crashes[0] == first
     if "damping" in titles:
         assert crashes[1] == ("corrected <b>, x", titles["damping"], 2, "it hung", 1)
-    done = CliRunner().invoke(app, ["bench", "report", str(copied.path), "--format", "md", "--json"])
+
+
+def test_figures_are_written_into_the_run(failing: RunFolder) -> None:
+    done = CliRunner().invoke(app, ["bench", "report", str(failing.path), "--format", "pdf", "--json"])
     assert done.exit_code == 0, done.output
-    text = (copied.path / "report.md").read_text(encoding="utf-8")
+    figures = [Path(file) for file in json.loads(done.stdout)["files"]]
+    assert len(figures) > 3 and all(file.read_bytes().startswith(b"%PDF") for file in figures)
+
+
+def test_the_report_in_markdown_has_figures_tables_and_failures(failing: RunFolder) -> None:
+    done = CliRunner().invoke(app, ["bench", "report", str(failing.path), "--format", "md", "--json"])
+    assert done.exit_code == 0, done.output
+    text = (failing.path / "report.md").read_text(encoding="utf-8")
     figures = re.findall(r"\]\((report-figures/[^)]+)\)", text)
     assert len(figures) == len(set(figures)) > 3
     for file in figures:
-        ElementTree.parse(copied.path / file)
+        ElementTree.parse(failing.path / file)
     assert text.count("A title &amp; more") == 1
     assert text.index("## Methods") < text.index("Methods: failures") < text.index("SIGSEGV")
     assert "Failures or crashes: “corrected &lt;b&gt;, x”." in text
-    page = render(Run(copied))
+    page = render(Run(failing))
     assert page.index('<section id="budgets">') < page.index("Methods: failures") < page.index("SIGSEGV")
     assert page.index("SIGSEGV") < page.index("<section", page.index('<section id="budgets">') + 1)
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -19,6 +18,7 @@ from benchmarks.run import run_suite
 from benchmarks.suite import Suite, suite_of
 from optik.errors import InvalidInput, OptikError, OutputError
 from optik.file_io import LOCK, locked
+from tests import forks
 from tests.benchmarks.toy import TOY_COMMAND
 from tests.oracles import REPOSITORY
 
@@ -41,9 +41,7 @@ def state(out: Path) -> dict[str, tuple[int, int]]:
 def test_two_processes_do_not_work_in_one_folder(tmp_path: Path) -> None:
     with locked(tmp_path / "run"):
         code = "from pathlib import Path; from optik.file_io import locked; locked(Path(r'{}')).__enter__()"
-        done = subprocess.run(
-            [sys.executable, "-c", code.format(tmp_path / "run")], capture_output=True, text=True, check=False
-        )
+        done = forks.start(code.format(tmp_path / "run"))()
         assert f"another process writes to it (process {os.getpid()})" in done.stderr
         with pytest.raises(OutputError, match="another process"):
             run(tmp_path / "run")

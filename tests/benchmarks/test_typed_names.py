@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from benchmarks.cli.app import COMMAND_PANELS
-from tests.benchmarks.conftest import optik_process
+from tests import forks
 from tests.benchmarks.test_command_line import commands
 
 WRONG = {
@@ -135,11 +135,11 @@ def test_numbers_with_spaces_are_those_with_commas(typed: Any, spaces: str, comm
 
 
 def test_the_help_lists_what_a_user_needs_first() -> None:
-    said = optik_process("--help").stdout
+    said = forks.command("--help", COLUMNS="160").stdout
     assert re.findall(r"^│ (\w+) ", said, re.MULTILINE) == [name for names in COMMAND_PANELS.values() for name in names]
     assert re.findall(r"^╭─ (.*?) ─", said, re.MULTILINE) == ["Options", *COMMAND_PANELS]
-    assert optik_process().returncode == 2
-    line = optik_process("plan", "line", "--help").stdout
+    assert forks.command().returncode == 2
+    line = forks.command("plan", "line", "--help", COLUMNS="160").stdout
     assert line.index("--move") < line.index("--turn-deg") < line.index("--free") < line.index("--robot")
     assert "<bool>" not in line.partition("--help")[0]
 

@@ -66,20 +66,28 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def drawn(page: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+def drawn(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
     if CHROMIUM is None:
         pytest.skip("no Chromium on this machine")
     with Browser(tmp_path_factory.mktemp("profile"), *SIZE) as browser:
-        browser.emulate(width=SIZE[0])
-        browser.open(page)
-        browser.until("window.optikView")
         yield browser
+
+
+def show_page(browser: Browser, page: Path) -> None:
+    """Open a page, unless it is the one that this function opened last and no test has left it since."""
+    browser.emulate(width=SIZE[0])
+    if not browser.run(f"window.kept === {page.as_uri()!r}"):
+        browser.run("window.left = true")
+        browser.open(page)
+        browser.until("!window.left && window.optikView")
+        browser.run(f"window.kept = {page.as_uri()!r}")
+        browser.requests.clear()
 
 
 @pytest.fixture
 def opened(drawn: Browser, page: Path) -> Iterator[Browser]:
     """The page at the start of the motion; after the test its console must be empty and nothing must have been asked for."""
-    drawn.emulate(width=SIZE[0])
+    show_page(drawn, page)
     drawn.run("document.activeElement.blur(); optikView.play(false); optikView.seek(0)")
     drawn.run("document.getElementById('reset').click()")
     yield drawn
@@ -314,12 +322,15 @@ def loaded() -> Show:
 
 
 @pytest.fixture(scope="module")
-def full(drawn: Browser, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+def loaded_page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     file = tmp_path_factory.mktemp("loaded") / "page.html"
     write_page(loaded(), file)
-    drawn.emulate(width=SIZE[0])
-    drawn.open(file)
-    drawn.until("document.title === 'loaded' && window.optikView")
+    return file
+
+
+@pytest.fixture
+def full(drawn: Browser, loaded_page: Path) -> Iterator[Browser]:
+    show_page(drawn, loaded_page)
     yield drawn
     assert drawn.errors == []
 

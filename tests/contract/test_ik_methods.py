@@ -1,8 +1,6 @@
 """What every IK method owes its caller; a new file in optik/ik is in here at once, and so is a plug-in."""
 
 import pickle
-import subprocess
-import sys
 from contextlib import suppress
 from typing import Any, NamedTuple
 
@@ -15,7 +13,7 @@ from optik.errors import InvalidInput, MissingDependency
 from optik.ik import IKSolver, make_solver
 from optik.plugins.files import is_path
 from optik.registry import load_method, short_name
-from tests import oracles
+from tests import forks, oracles
 from tests.outside import everything
 from tests.robots import each_robot
 from tests.seeds import shift_seed
@@ -285,13 +283,7 @@ def _there():
             solvers[asked] = make_solver(
                 ROBOT, asked, max_iterations=60, max_restarts=2, tolerance=Tolerance(1e-5, 1e-4)
             )
-    done = subprocess.run(
-        [sys.executable, "-c", SOLVE],
-        input=pickle.dumps((list(solvers.values()), oracles.fk(ARM, START), np.zeros(6))),
-        capture_output=True,
-        check=True,
-        cwd=oracles.REPOSITORY,
-    )
+    done = forks.start(SOLVE, data=pickle.dumps((list(solvers.values()), oracles.fk(ARM, START), np.zeros(6))))()
     return dict(zip(solvers, zip(solvers.values(), pickle.loads(done.stdout), strict=True), strict=True))
 
 

@@ -458,7 +458,7 @@ def test_no_place_is_nearer_than_the_nearest(name: str, kind: str, far: float) -
     path, rng = examples()[name][kind], np.random.default_rng(3)
     poses = np.stack([
         oracles.moved(T, far * rng.normal(size=3), min(far, 0.3) * rng.normal(size=3))
-        for T in path(rng.uniform(0.0, path.end, 60))
+        for T in path(rng.uniform(0.0, path.end, 30))
     ])  # fmt: skip
     found = path.nearest(poses)
     assert ((found >= 0.0) & (found <= path.end)).all()

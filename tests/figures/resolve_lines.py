@@ -78,10 +78,8 @@ def measure(case: int) -> Row:
             assert plan.failure is not None
             row[f"{law}_why"] = plan.failure.reason[:200]
             continue
-        row[f"{law}_T"], row["sequence_s"] = (
-            plan.duration if hasattr(plan, "duration") else plan.trajectory.duration,
-            plan.resolution.seconds if plan.resolution else 0.0,
-        )
+        row[f"{law}_T"] = plan.duration if hasattr(plan, "duration") else plan.trajectory.duration
+        row["sequence_s"] = plan.resolution.seconds if plan.resolution else 0.0
         row[f"{law}_off"] = check(robot, path, plan, tilted)
     return row
 

@@ -3,8 +3,6 @@
 import json
 import os
 import pickle
-import subprocess
-import sys
 import zlib
 from pathlib import Path
 
@@ -14,6 +12,7 @@ from numba.core.registry import cpu_target
 
 from optik.compiled import archive, compiled
 from optik.compiled.cache import VERSIONS, read_code
+from tests import forks
 from tests.optik.test_compile import INNER, REPOSITORY, write_two
 
 HERE = archive.CompileTarget(*cpu_target.target_context.codegen().magic_tuple())
@@ -34,19 +33,18 @@ print(json.dumps([outer(1.0), sum(e.is_start for _, e in compilations.buffer)]))
 """
 
 
+def forget_processor():
+    """Before Numba asks a process for its processor, which it does once."""
+    vars(cpu_target).pop("_toplevel_target_context")
+
+
 def run(folder, *first, **env):
     """What `outer` computes in a fresh process with nothing cached, and how many functions are compiled for it."""
     kept = {k: v for k, v in os.environ.items() if k != "OPTIK_COMPILES"}
     places = {"PYTHONPATH": os.pathsep.join([str(REPOSITORY), str(folder)]), "NUMBA_CACHE_DIR": str(folder / "none")}
     for file in (folder / "none").rglob("*.nbk"):
         file.unlink()
-    done = subprocess.run(
-        [sys.executable, "-c", RUN, str(folder), *first],
-        env=kept | places | env,
-        capture_output=True,
-        text=True,
-        timeout=120,
-    )
+    done = forks.start(RUN, str(folder), *first, cwd=folder, env=kept | places | env, before=forget_processor)()
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
 

@@ -23,6 +23,7 @@ import optik.compiled.cache
 from optik.compiled import compiled, inlined
 from optik.compiled.cache import Opaque, fingerprint
 from optik.compiled.kernel import FIRST_USE, Helper, Kernel
+from tests import forks
 from tests.oracles import REPOSITORY
 
 INNER = "from optik.compiled import compiled\n\n@compiled\ndef inner(x):\n    return {} * x\n"
@@ -41,18 +42,15 @@ def start(folder, env=None, **options):
     """A fresh process in a folder; it prints what `outer` computes, and how many functions were compiled for it."""
     kept = {k: v for k, v in os.environ.items() if k not in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME")}
     path = {"PYTHONPATH": os.pathsep.join([str(REPOSITORY), str(folder)])}
-    return subprocess.Popen(
-        [sys.executable, "-c", RUN], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=folder,
-        env=kept | path | (env or {}), **options,
-    )  # fmt: skip
+    return forks.start(RUN, cwd=folder, env=kept | path | (env or {}), **options)
 
 
 def finish(process):
     """Value, number of compiled functions, and warnings of a process."""
-    out, err = process.communicate(timeout=120)
-    assert process.returncode == 0, err
-    value, count = out.split()
-    return float(value), int(count), err
+    done = process()
+    assert done.returncode == 0, done.stderr
+    value, count = done.stdout.split()
+    return float(value), int(count), done.stderr
 
 
 def write_two(folder, factor="2.0"):
@@ -250,22 +248,22 @@ def test_a_kernel_depends_on_how_numba_compiles(monkeypatch):
     assert fingerprint(compiled(doubled), ()) != before
 
 
-def test_a_kernel_does_not_depend_on_patches_of_python_and_numpy(tmp_path):
-    (tmp_path / "kernel.py").write_text("from optik.compiled import compiled\n@compiled\ndef f(x):\n    return x\n")
-    change = "import importlib.util, sys, llvmlite, numba, numpy; {}\n"
-    code = change + "import optik.compiled.cache as f, kernel; print(f.fingerprint(kernel.f, ()))"
+def test_a_kernel_does_not_depend_on_patches_of_python_and_numpy(monkeypatch):
+    spec = importlib.util.spec_from_file_location("another", optik.compiled.cache.__file__)
 
-    def print_with(words):
-        env = os.environ | {"PYTHONPATH": os.pathsep.join([str(REPOSITORY), str(tmp_path)])}
-        run = [sys.executable, "-c", code.format(words)]
-        return subprocess.run(run, env=env, capture_output=True, text=True, check=True).stdout
+    def print_with(versions):
+        with monkeypatch.context() as change:
+            for name, value in versions.items():
+                change.setattr(name, value)
+            another = importlib.util.module_from_spec(spec)
+            spec.loader.exec_module(another)
+        return another.fingerprint(compiled(doubled), ())
 
-    before = print_with("")
-    major = np.__version__.split(".")[0]
-    assert print_with(f"numpy.__version__ = '{major}.99.1'; sys.version = '3.99 (another build)'") == before
-    others = ("numba.__version__ = '0.1'", "llvmlite.__version__ = '0.1'", "numpy.__version__ = '99.1.0'")
-    magic = "importlib.util.MAGIC_NUMBER = b'1234'"
-    assert len({before, *map(print_with, (*others, magic))}) == 5
+    before, major = print_with({}), np.__version__.split(".")[0]
+    assert print_with({"numpy.__version__": f"{major}.99.1", "sys.version": "3.99 (another build)"}) == before
+    others = ("numba.__version__", "0.1"), ("llvmlite.__version__", "0.1"), ("numpy.__version__", "99.1.0")
+    magic = ("importlib.util.MAGIC_NUMBER", b"1234")
+    assert len({before, *(print_with(dict([other])) for other in (*others, magic))}) == 5
 
 
 def test_a_profiler_changes_nothing():
@@ -394,9 +392,11 @@ def test_closures_of_different_values_are_kept_side_by_side(cache):
 
 
 def bound_by_permissions():
-    """In a child before it starts: not even root may write where the permissions say no (the capability's number is 1)."""
-    if os.geteuid() == 0:
-        assert ctypes.CDLL(None).prctl(24, 1, 0, 0, 0) == 0
+    """Not even root may write where the permissions say no: the process gives up the capability of number 1."""
+    header, sets = (ctypes.c_uint32 * 2)(0x20080522, 0), (ctypes.c_uint32 * 6)()
+    assert ctypes.CDLL(None).capget(header, sets) == 0
+    sets[0] &= ~2
+    assert ctypes.CDLL(None).capset(header, sets) == 0
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="root gives up its right to write by a call of Linux")
@@ -409,15 +409,15 @@ def test_where_nothing_can_be_written_a_private_folder_keeps_it_with_one_line_of
     for place in (folder, home):
         place.chmod(0o555)
     try:
-        value, count, warning = finish(start(folder, env, preexec_fn=bound_by_permissions))
+        value, count, warning = finish(start(folder, env, before=bound_by_permissions))
         assert (value, count) == (3.0, 2)
         (line,) = warning.splitlines()
         assert "NUMBA_CACHE_DIR" in line
         (private,) = temporary.iterdir()
         assert stat.S_IMODE(private.stat().st_mode) == 0o700
-        assert finish(start(folder, env, preexec_fn=bound_by_permissions))[:2] == (3.0, 0)
+        assert finish(start(folder, env, before=bound_by_permissions))[:2] == (3.0, 0)
         env["NUMBA_CACHE_DIR"] = str(temporary / "own")
-        assert finish(start(folder, env, preexec_fn=bound_by_permissions)) == (3.0, 2, "")
+        assert finish(start(folder, env, before=bound_by_permissions)) == (3.0, 2, "")
     finally:
         folder.chmod(0o755)
 
@@ -514,37 +514,40 @@ def test_the_collector_is_as_before_even_after_an_error(collects):
     assert numba.core.config.OPT is level
 
 
-@pytest.mark.parametrize(("seconds", "quiet", "told"), [(-1.0, "", True), (-1.0, "quiet", False), (1e9, "", False)])
-def test_a_log_or_a_notebook_is_told_once_that_functions_are_compiled(tmp_path, seconds, quiet, told):
+@pytest.fixture(name="telling", params=[-1.0, 1e9])
+def _telling(request, cache, monkeypatch):
+    """Whether this process, which has compiled nothing so far, tells of a long compilation: the first or a very long one."""
+    monkeypatch.setattr(optik.compiled.kernel, "QUIET_SECONDS", request.param)
+    monkeypatch.setattr(optik.compiled.kernel._Process, "seconds", 0.0)
+    monkeypatch.setattr(optik.compiled.kernel._Process, "told", False)
+    return request.param < 0.0
+
+
+def test_a_log_or_a_notebook_is_told_once_that_functions_are_compiled(telling, capsys):
+    assert [compiled(doubled)(x) for x in (1.0, 1)] == [2.0, 2.0]
+    assert capsys.readouterr().err.splitlines() == [FIRST_USE] * telling
+
+
+def test_who_wants_it_quiet_is_told_nothing(tmp_path):
     write_two(tmp_path)
-    code = (
-        f"import optik.compiled.kernel; optik.compiled.kernel.QUIET_SECONDS = {seconds}; import outer; outer.outer(1.0)"
-    )
-    env = os.environ | {"PYTHONPATH": os.pathsep.join([str(REPOSITORY), str(tmp_path)]), "OPTIK_COMPILES": quiet}
-    done = subprocess.run(
-        [sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True, timeout=120
-    )
-    assert done.stderr.splitlines() == [FIRST_USE] * told
+    code = "import optik.compiled.kernel as k; k.QUIET_SECONDS = -1.0; import outer; outer.outer(1.0)"
+    env = os.environ | {"PYTHONPATH": os.pathsep.join([str(REPOSITORY), str(tmp_path)]), "OPTIK_COMPILES": "quiet"}
+    assert subprocess.check_output([sys.executable, "-c", code], env=env, stderr=subprocess.STDOUT, timeout=120) == b""
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="terminals as POSIX has them")
-def test_a_terminal_is_told_of_a_long_compilation_and_the_line_is_removed(tmp_path):
+def test_a_terminal_is_told_of_a_long_compilation_and_the_line_is_removed(telling, monkeypatch):
     import pty
 
-    write_two(tmp_path)
-    code = "import optik.compiled.kernel; optik.compiled.kernel.QUIET_SECONDS = {}; import outer; outer.outer(1.0)"
-    env = os.environ | {"PYTHONPATH": os.pathsep.join([str(REPOSITORY), str(tmp_path)]), "OPTIK_COMPILES": ""}
-    for seconds, told in ((-1.0, True), (1e9, False)):
-        for file in kept_in(tmp_path):
-            file.unlink()
-        ours, theirs = pty.openpty()
-        with subprocess.Popen([sys.executable, "-c", code.format(seconds)], env=env, stderr=theirs) as process:
-            process.wait(timeout=120)
-        os.close(theirs)
-        words = os.read(ours, 10_000).decode() if told else ""
-        os.close(ours)
-        assert ("compiling, 0 s: inner" in words) is told
-        assert words.endswith("\x1b[K") is told
+    ours, theirs = pty.openpty()
+    with os.fdopen(theirs, "w") as stream:
+        monkeypatch.setattr(sys, "stderr", stream)
+        compiled(doubled)(1.0)
+        monkeypatch.undo()
+    words = os.read(ours, 10_000).decode() if telling else ""
+    os.close(ours)
+    assert ("compiling, 0 s: doubled" in words) is telling
+    assert words.endswith("\x1b[K") is telling
 
 
 def test_a_fingerprint_does_not_depend_on_where_packages_are_installed(monkeypatch):

@@ -158,10 +158,8 @@ def least_translation(a: Array, b: Array, T: Array, reach: Any) -> float:
 def test_distances_to_slivers_are_exact_but_for_rounding_where_the_search_stalls() -> None:
     rng = np.random.default_rng(21)
     for _ in range(150):
-        half, T = (
-            10.0 ** rng.uniform(-6.0, 0.0, 3),
-            pose(rng.normal(size=3), Rotation.random(random_state=rng).as_matrix()),
-        )
+        half = 10.0 ** rng.uniform(-6.0, 0.0, 3)
+        T = pose(rng.normal(size=3), Rotation.random(random_state=rng).as_matrix())
         corners = np.array(list(product((-1.0, 1.0), repeat=3))) * half @ T[:3, :3].T + T[:3, 3]
         mesh = find_hull(corners)
         for _ in range(4):

@@ -1,13 +1,10 @@
 """Files that are there whole or not at all."""
 
-import subprocess
-import sys
-
 import pytest
 
 from optik.errors import InvalidInput, OutputError
 from optik.file_io import check_suffix, decode_text, parse_json, read_bytes, write_atomically
-from tests.oracles import REPOSITORY
+from tests import forks
 
 
 def test_a_file_is_written_and_nothing_else_is_left(tmp_path):
@@ -61,8 +58,7 @@ write_atomically(sys.argv[1], write)
 def test_a_process_that_dies_while_writing_leaves_the_old_file(tmp_path):
     target = tmp_path / "run.json"
     target.write_text("old")
-    done = subprocess.run([sys.executable, "-c", KILLED, str(target)], cwd=REPOSITORY, check=False)
-    assert done.returncode == 9
+    assert forks.start(KILLED, str(target))().returncode == 9
     assert target.read_text() == "old"
 
 

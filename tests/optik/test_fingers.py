@@ -112,7 +112,7 @@ def test_free_and_touching_configurations_are_those_of_the_true_meshes_at_every_
 ):
     hand = write_hand(tmp_path / "arm", [7, seed], kind)
     robot, oracle = optik.Robot.from_urdf(hand.file, "tip", shapes=True), MeshContact(hand)
-    q = robot.limits.sample(np.random.default_rng(seed), 120)
+    q = robot.limits.sample(np.random.default_rng(seed), 60)
     values = np.linspace(*hand.limits, 9)
     free = np.array([not any(oracle.touches(x, value) for value in values) for x in q])
     ours = find_nearest_pairs(robot, optik.Scene(), q)[0] > 0.0

@@ -135,12 +135,12 @@ def test_half_a_turn_is_the_farthest_and_finite():
 @pytest.mark.parametrize("task", [Task(), *map(as_task, ("position", "axis_z")), *TASKS[8:12]], ids=str)
 def test_targets_near_the_start_are_solved_whatever_the_arm_and_the_task(kind, robot, task):
     solver, solved = kind(robot, task=task), 0
-    for target, start in problems(robot, 12, shift_seed(103)):
+    for target, start in problems(robot, 8, shift_seed(103)):
         result = solver.solve(target, start, trace=True)
         honest(result, robot, task, target)
         assert result.trace.shape == (result.iterations + 1, 6)
         solved += bool(result)
-    assert solved >= 10
+    assert solved >= 7
 
 
 @each_kind

@@ -92,7 +92,7 @@ def test_two_linkages_that_differ_in_a_relation_differ() -> None:
         one.with_motors(np.eye(one.n))
 
 
-@pytest.mark.parametrize("method", ["lm", "dls", "sqp", "closed_form"])
+@pytest.mark.parametrize("method", ["lm", "dls", "sqp", pytest.param("closed_form", marks=pytest.mark.soak)])
 @pytest.mark.parametrize("kind", ["inclined wrist", "half", "telescope", "before its driver"])
 def test_inverse_kinematics_of_linkages(kind: str, method: str) -> None:
     if method == "sqp":

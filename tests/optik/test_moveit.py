@@ -131,10 +131,8 @@ def test_an_object_that_is_removed_is_left_out_and_it_is_said(tmp_path: Path) ->
 
 
 def test_missing_fields_have_the_defaults_of_the_messages(tmp_path: Path) -> None:
-    whole, quarter = (
-        "{x: 0, y: 0, z: 2}, orientation: {x: 0, y: 0, z: 0, w: 1}",
-        "[0, 0, 0.7071067811865476, 0.7071067811865476]",
-    )
+    whole = "{x: 0, y: 0, z: 2}, orientation: {x: 0, y: 0, z: 0, w: 1}"
+    quarter = "[0, 0, 0.7071067811865476, 0.7071067811865476]"
     assert whole in SCENE
     for part in ("{z: 2}, orientation: {w: 1}", "{z: 2}, orientation: {x: 0}", "{z: 2}"):
         assert load(tmp_path, SCENE.replace(whole, part)) == load(tmp_path, SCENE)

@@ -81,10 +81,8 @@ def test_no_way_leads_further_down_and_the_target_stays_met(arm, task, prefer):
     rng, robot, still = np.random.default_rng(shift_seed(501)), built(arm), 0
     solver, plain = LM(robot, task=task, prefer=prefer), LM(robot, task=task)
     for _ in range(6):
-        target, start = (
-            oracles.fk(arm, 0.8 * rng.uniform(arm.lower, arm.upper)),
-            0.8 * rng.uniform(arm.lower, arm.upper),
-        )
+        target = oracles.fk(arm, 0.8 * rng.uniform(arm.lower, arm.upper))
+        start = 0.8 * rng.uniform(arm.lower, arm.upper)
         before, result = plain.solve(target, start), solver.solve(target, start)
         assert bool(before) == bool(result)
         if not result:

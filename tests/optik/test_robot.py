@@ -1,8 +1,6 @@
 """The arm: conventions against matrix products, limits, identity, and what is refused."""
 
 import pickle
-import subprocess
-import sys
 from dataclasses import FrozenInstanceError, fields, replace
 
 import numpy as np
@@ -13,7 +11,7 @@ from hypothesis import strategies as st
 import optik
 from optik import DHRow, JointLimits, Robot
 from optik.errors import InvalidInput, OptikError, RobotModelError
-from tests import oracles
+from tests import forks, oracles
 from tests.robots import built
 
 BUILD = {"mdh": Robot.from_mdh, "dh": Robot.from_dh}
@@ -128,10 +126,7 @@ def test_equal_content_is_an_equal_robot():
 
 def test_the_fingerprint_is_the_same_in_another_process(tmp_path):
     code = "import optik; print(optik.load('puma560').fingerprint)"
-    run = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=oracles.REPOSITORY
-    )
-    assert run.stdout.strip() == optik.load("puma560").fingerprint
+    assert forks.start(code)().stdout.strip() == optik.load("puma560").fingerprint
 
 
 def changed(robot, **changes):

@@ -20,7 +20,7 @@ def test_the_start_is_free_and_inside_and_its_shortest_line_is_as_long_as_the_be
     assert np.array_equal(q, optik.choose_start(arm))
     np.testing.assert_allclose(q * unit_factors(arm), np.round(q * unit_factors(arm), 1), atol=1e-9)
     assert arm.shapes is None or find_contact(arm, optik.Scene(), q).distance > 0.0
-    others = arm.limits.sample(np.random.default_rng(1), 20)
+    others = arm.limits.sample(np.random.default_rng(1), 10)
     points = arm.fk(arm.limits.sample(np.random.default_rng(2), 200))[:, :3, 3]
     most = 0.3 * np.linalg.norm(points - points.mean(axis=0), axis=1).max()
     lines = [min(measure_line(arm, each, way, most) for way in (*np.eye(3), *-np.eye(3))) for each in (q, *others)]

@@ -222,15 +222,6 @@ def test_a_real_description_is_read_as_its_table():
     assert np.abs(robot.fk(q) - table.fk(q)).max() < 1e-14
 
 
-def test_reading_loads_xml_and_importing_optik_does_not():
-    code = (
-        "import sys, optik\nlater = {'defusedxml', 'optik.arm.urdf', 'optik.arm.compare'}\n"
-        "assert not later & set(sys.modules)\n"
-        "optik.Robot.from_urdf(sys.argv[1], 'tool0')\nassert 'defusedxml' in sys.modules"
-    )
-    subprocess.run([sys.executable, "-c", code, PLAIN], check=True, cwd=oracles.REPOSITORY)
-
-
 # ---------------------------------------------------------------- back again
 positions = st.floats(-1, 1)
 turns = st.floats(-7, 7) | st.integers(-4, 4).map(lambda k: k * pi / 2)

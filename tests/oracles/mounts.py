@@ -58,10 +58,8 @@ def random_mounted(rng: np.random.Generator, *, moving: bool) -> Mounted:
         joints.append(_joint(f"q{i}", kind, f"of_offset{i}", ((0, 0, d), (0, 0, theta)), f'<axis xyz="0 0 1"/>{limit}'))
         before = f"of_q{i}"
         links += [f'<link name="of_offset{i}"/>', f'<link name="{before}">{_inertial(mass, com, tensor)}</link>']
-        angles, reach = (
-            np.degrees([alpha, theta]).tolist(),
-            "range_mm = [-3e3, 3e3]" if slides else "range_rad = [-3, 3]",
-        )
+        angles = np.degrees([alpha, theta]).tolist()
+        reach = "range_mm = [-3e3, 3e3]" if slides else "range_rad = [-3, 3]"
         rows.append(
             f"  {{ a_mm = {1e3 * a!r}, alpha_deg = {angles[0]!r}, d_mm = {1e3 * d!r}, theta_deg = {angles[1]!r}, "
             f'type = "{kind}", {reach} }},'

@@ -245,10 +245,8 @@ def test_a_path_counts_by_all_pieces_that_the_cubic_may_touch_and_no_other() -> 
         s0, s1 = rng.choice(breaks, 2) if rng.random() < 0.3 else rng.uniform(0.0, breaks[-1], 2)
         v0, v1 = rng.normal(size=2)
         h = float(rng.uniform(0.1, 1.0))
-        v0, v1 = (
-            np.clip(v0, -3 * s0 / h, 3 * (breaks[-1] - s0) / h),
-            np.clip(v1, -3 * (breaks[-1] - s1) / h, 3 * s1 / h),
-        )
+        v0 = np.clip(v0, -3 * s0 / h, 3 * (breaks[-1] - s0) / h)
+        v1 = np.clip(v1, -3 * (breaks[-1] - s1) / h, 3 * s1 / h)
         hull = np.array([s0, s0 + v0 * h / 3.0, s1 - v1 * h / 3.0, s1])
         low, high = hull.min(), hull.max()
         touched = (breaks[:-1] <= high) & (breaks[1:] >= low)

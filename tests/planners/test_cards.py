@@ -89,11 +89,8 @@ def test_the_bars_of_a_plan_are_the_ratios_of_its_certificate() -> None:
 
 def test_the_curves_of_a_card_are_those_of_the_motion() -> None:
     plan = planned()
-    curves, n, t = (
-        Reader(plan._repr_html_()).lines,
-        plan.robot.n,
-        np.linspace(0.0, plan.trajectory.duration, MOST_POINTS),
-    )
+    curves, n = Reader(plan._repr_html_()).lines, plan.robot.n
+    t = np.linspace(0.0, plan.trajectory.duration, MOST_POINTS)
     assert len(curves) == 4 * n
     for joint in range(n):
         drawn, values = -curves[n + joint][:, 1], plan.trajectory(t, 1)[:, joint]

@@ -73,10 +73,8 @@ def test_no_place_of_a_corner_is_farther_from_the_sharp_path_than_is_proved(
         curve = JointCurve(ROBOT, curve.s, np.concatenate(q), curve.derivatives * (3.0, 0.3)[seed // 2 % 2])
     proved = joining._prove_deviation(ROBOT, one, two, curve)
     w = np.linspace(-0.5, 0.5, 4001) * curve.end
-    before, after = (
-        one.configurations(ROBOT, one.end + np.minimum(w, 0.0)),
-        two.configurations(ROBOT, np.maximum(w, 0.0)),
-    )
+    before = one.configurations(ROBOT, one.end + np.minimum(w, 0.0))
+    after = two.configurations(ROBOT, np.maximum(w, 0.0))
     sharp = np.ascontiguousarray(np.where((w < 0.0)[:, None], before, after))
     gap = se3.error(ROBOT.fk(curve.configurations(ROBOT, w + 0.5 * curve.end)), ROBOT.fk(sharp)).reshape(-1, 2, 3)
     true = np.linalg.norm(gap, axis=2).max(axis=0)

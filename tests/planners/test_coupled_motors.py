@@ -256,10 +256,8 @@ def test_a_goal_is_reached_in_the_winding_that_the_motors_reach() -> None:
     limits = {"lower": lower, "upper": upper, "velocity": 2.0, "acceleration": 10.0, "jerk": 100.0}
     for matrix, turns in ((MATRICES["differential wrist"], False), (MATRICES["joints 2 and 3"], True)):
         robot = plain.with_limits(**limits).with_motors(matrix)
-        start, goal = (
-            robot.motors.axes([0.0, -1.3, 1.3, 0.0, 0.0, 0.0]),
-            robot.motors.axes([0.1, -1.2, 1.2, 0.1, 1.9, 6.0]),
-        )
+        start = robot.motors.axes([0.0, -1.3, 1.3, 0.0, 0.0, 0.0])
+        goal = robot.motors.axes([0.1, -1.2, 1.2, 0.1, 1.9, 6.0])
         found = plan(robot, goal, start)
         assert found and (np.abs(found.trajectory(found.duration)[5] - goal[5]) > 6.0) == turns
         exact = plan(robot, goal, start, winding="exact")

@@ -1,8 +1,6 @@
 """Ranges of the coordinates of a path with freedoms."""
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +11,7 @@ from optik import se3
 from optik.errors import InvalidInput, UnknownName
 from planners import Line, free, load_motion, plan
 from planners.paths.free_path import FreePath
+from tests import forks
 from tests.planners.test_freedom import LIMITS, PANDA, line
 
 
@@ -77,8 +76,8 @@ def test_a_freedom_of_a_file_is_called_by_its_stem_and_no_data_run_the_file(tmp_
     found.save(tmp_path / "motion.json")
     assert load_motion(tmp_path / "motion.json").path.ranges == found.freedom.ranges
     code = f"import planners; planners.load_motion({str(tmp_path / 'motion.json')!r})"
-    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert "unknown freedom 'slide'" in said.stderr and "planners.free" in said.stderr
+    said = forks.start(code)().stderr
+    assert "unknown freedom 'slide'" in said and "planners.free" in said
     data = json.loads(json.dumps(path.to_dict()))
     data["bounds"] = {str(tmp_path / "slide.py"): [-0.01, 0.01]}
     with pytest.raises((InvalidInput, UnknownName), match="unknown freedom"):

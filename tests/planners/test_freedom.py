@@ -137,10 +137,8 @@ def limited_values(given: Choice, p: Array, near: Array, z: Array) -> Array:
     place = given.programme.place(p, near)
     assert place is not None
     problem = given.programme.problem(place)
-    g, c = (
-        np.zeros((given.programme.K, 3)),
-        np.zeros((given.programme.K + 1, problem.node.shape[1] + 2 * problem.edge.shape[2])),
-    )
+    g = np.zeros((given.programme.K, 3))
+    c = np.zeros((given.programme.K + 1, problem.node.shape[1] + 2 * problem.edge.shape[2]))
     iteration.values(problem, z, g, c)
     return c
 

@@ -140,10 +140,8 @@ def test_speeds_that_fall_towards_either_end_are_proved_between_the_samples(turn
     """The same motions towards the upper and the lower ends of ranges that are as far."""
     rng, n = np.random.default_rng(3), 6
     robot = arm().with_limits(lower=np.full(n, -2.0), upper=np.full(n, 2.0), velocity=np.full(n, 30.0))
-    value, kind = (
-        VelocityByPosition(rng.uniform(0.05, 0.3, n), rng.uniform(2.0, 9.0, n)),
-        kind_of("velocity_by_position"),
-    )
+    value = VelocityByPosition(rng.uniform(0.05, 0.3, n), rng.uniform(2.0, 9.0, n))
+    kind = kind_of("velocity_by_position")
     joints = 0
     for _ in range(15):
         motion = coarse(rng, n, 0.5)
@@ -336,11 +334,8 @@ def test_the_motor_torques_of_one_interval_are_a_cubics_with_friction_and_a_rema
     rng, kind = np.random.default_rng(12), kind_of("motor_torque_rate" if rate else "motor_torque")
     robot = random_loaded(rng, 3, prismatic=False, coulomb=0.4).with_motors(np.eye(3) + 0.3 * rng.normal(size=(3, 3)))
     motors, T, seen, one_sided = robot.motors, rng.normal(size=(3, 3)), set(), list[bool]()
-    value, E, plain = (
-        Combination(T, rng.uniform(1.0, 3.0, 3)),
-        np.linalg.inv(motors.matrix),
-        replace(robot, motors=None),
-    )
+    value, E = Combination(T, rng.uniform(1.0, 3.0, 3)), np.linalg.inv(motors.matrix)
+    plain = replace(robot, motors=None)
     for _ in range(60):
         motion = coarse(rng, 3, rng.uniform(0.1, 1.0), 1)
         t = motion.knots

@@ -21,7 +21,7 @@ from planners.limits import AccelerationByVelocity, Grip, OpenContainer, Suction
 from planners.limits.base import PathPoints
 from planners.limits.record import find_velocity_reversals
 from planners.trajectory import Trajectory
-from tests import oracles
+from tests.planners.test_limit_proofs import specific_force
 
 BOX: dict[str, Any] = {"acceleration": 10.0, "jerk": 100.0}
 BENT = np.deg2rad([10.0, -80.0, 95.0, -105.0, -90.0, 20.0])
@@ -98,20 +98,6 @@ def dense(motion: Trajectory, count: int = 20_001) -> tuple[Array, Array, Array,
     return t, motion(t), motion(t, 1), motion(t, 2)
 
 
-def force_at(motion: Trajectory, com: Array) -> Array:
-    """Specific force of a point of the tool in the tool's frame, its acceleration by central differences of poses."""
-    h = 1e-4
-    t = np.linspace(h, motion.end - h, 4001)
-
-    def place(at: Array) -> Array:
-        T = oracles.fk(arm(), motion(at))
-        return T[:, :3, 3] + T[:, :3, :3] @ com
-
-    a = (place(t + h) - 2.0 * place(t) + place(t - h)) / h**2
-    R = oracles.fk(arm(), motion(t))[:, :3, :3]
-    return np.einsum("kji,kj->ki", R, np.array([0.0, 0.0, -9.80665]) - a)
-
-
 def peak(name: str, motion: Trajectory) -> float:
     """Largest ratio at dense instants, by formulas of its own."""
     value, limits = LIMITS[name], arm().limits
@@ -137,7 +123,7 @@ def peak(name: str, motion: Trajectory) -> float:
                 now, then = (f[:, link - 1, :3, :3] @ p.T + f[:, link - 1, :3, 3:] for f in (frames, ahead))
                 found = max(found, float(np.linalg.norm(then - now, axis=1)[:-1].max() / 1e-6))
         return found / value
-    f = force_at(motion, np.array(value.com or (0.0, 0.0, 0.0)))
+    f = specific_force(motion, np.array(value.com or (0.0, 0.0, 0.0)), 4001)
     along, across = f @ np.array(value.axis), None
     across = np.linalg.norm(np.cross(f, value.axis), axis=1)
     if name in ("open_container", "tray"):
@@ -208,10 +194,8 @@ def test_ratios_at_reversals_are_exact() -> None:
     c[2, 0, 0], c[3, 0, 0], c[4, 0, 0] = 1.0 / 3.0, -1.0, 2.0 / 3.0  # q̇ = t² − 2 t + 2 / 3
     motion = Trajectory(scipy.interpolate.PPoly(c, np.array([0.0, 2.0])))
     value = AccelerationByVelocity(1.5, 4.0, 2.0)
-    bound, kind = (
-        MotionLimits(extra={"acceleration_by_velocity": value}).bounds(6)["acceleration_by_velocity"],
-        kind_of("acceleration_by_velocity"),
-    )
+    bound = MotionLimits(extra={"acceleration_by_velocity": value}).bounds(6)["acceleration_by_velocity"]
+    kind = kind_of("acceleration_by_velocity")
     from planners.certificate.analysis import MotionAnalysis
 
     t = np.linspace(0.0, 2.0, 2_000_001)

@@ -91,7 +91,14 @@ def test_every_axis_keeps_its_range_and_its_speed(kind: str) -> None:
     assert (proved <= 1.02 * torque + found.robot.loads[0].coulomb / most + 1e-4).all()
 
 
-@pytest.mark.parametrize("kind", ["inclined wrist", "half", "telescope", "mimic of a mimic", "two slow followers"])
+@pytest.mark.parametrize(
+    "kind",
+    [
+        "inclined wrist",
+        "half",
+        *(pytest.param(x, marks=pytest.mark.soak) for x in ("telescope", "mimic of a mimic", "two slow followers")),
+    ],
+)
 def test_lines_are_followed_and_proved(kind: str) -> None:
     linkage, robot = KINDS[kind], robot_of(KINDS[kind])
     q = robot.limits.clip(robot.limits.middle + np.array([0.2, 0.3, 0.4, 0.3, 0.6, -0.2, 0.2])[: robot.n])
@@ -229,10 +236,8 @@ def test_derivatives_for_the_choice_of_paths_are_differences(kind: str) -> None:
     np.testing.assert_allclose(twist, np.einsum("kin,kn->ki", robot.jacobian(path[0]), path[1]), atol=1e-12)
     scene = Scene(spheres=[((0.6, 0.5, 0.9), 0.1)])
     pairs = find_pairs(robot, scene)
-    bodies, slots = (
-        (robot.shapes.capsules, scene.arrays, pairs.bodies, pairs.hulls),
-        np.tile(np.arange(len(pairs.bodies)), (3, 1)),
-    )
+    bodies = (robot.shapes.capsules, scene.arrays, pairs.bodies, pairs.hulls)
+    slots = np.tile(np.arange(len(pairs.bodies)), (3, 1))
 
     def rooms(q: Array) -> Array:
         room = np.empty(slots.shape)
@@ -270,6 +275,7 @@ def test_derivatives_for_the_choice_of_paths_are_differences(kind: str) -> None:
         np.testing.assert_allclose(moved, np.concatenate([v + np.cross(w, at), w], axis=1), atol=1e-9)
 
 
+@pytest.mark.soak
 def test_searches_and_freedoms_of_linkages() -> None:
     robot, rng = robot_of(KINDS["inclined wrist"], shapes=True), np.random.default_rng(2)
     links = range(1, 8)

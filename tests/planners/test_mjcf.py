@@ -102,11 +102,8 @@ def test_friction_of_moving_joints_has_the_sign_of_their_velocity():
     model, rng = mujoco_model(robot), np.random.default_rng(4)
     data = mujoco.MjData(model)
     for _ in range(20):
-        q, dq, torque = (
-            rng.uniform(-1.0, 1.0, 6),
-            rng.choice([-1.0, 1.0], 6) * rng.uniform(0.2, 2.0, 6),
-            rng.normal(size=6),
-        )
+        q, dq = rng.uniform(-1.0, 1.0, 6), rng.choice([-1.0, 1.0], 6) * rng.uniform(0.2, 2.0, 6)
+        torque = rng.normal(size=6)
         data.qpos[:], data.qvel[:], data.ctrl[:] = q, dq, torque
         mujoco.mj_forward(model, data)
         expected = np.linalg.solve(robot.mass_matrix(q), torque - robot.torques(q, dq, np.zeros(6)))

@@ -91,10 +91,8 @@ def test_torque_is_kept_at_the_least_duration(name: str, lines: bool) -> None:
 def test_torque_is_kept_at_the_least_duration_by_many(name: str, payload: int, lines: bool) -> None:
     """1,000 joint moves and 200 lines in all."""
     robot = arm(name, PAYLOADS[name][payload])
-    limits, paths = (
-        limits_of(robot, acceleration=False),
-        joint_paths(robot, shift_seed(100 + 20 * payload), lines=lines),
-    )
+    limits = limits_of(robot, acceleration=False)
+    paths = joint_paths(robot, shift_seed(100 + 20 * payload), lines=lines)
     ratios = [judged(next(paths), limits) for _ in range(23 if lines else 112)]
     print(f"{name} {PAYLOADS[name][payload]} kg: T/T400 median {np.median(ratios):.5f}, worst {max(ratios):.5f}")
     assert np.median(ratios) <= 1.002

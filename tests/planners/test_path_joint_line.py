@@ -31,20 +31,6 @@ def test_all_joints_move_at_constant_rates_and_the_tool_with_them(a: Array, b: A
     np.testing.assert_allclose(path(u * path.end), oracles.fk(PAPER, q), rtol=0.0, atol=1e-12)
 
 
-def test_derivatives_are_those_of_power_series() -> None:
-    path = JointLine(ROBOT, START, GOAL)
-    s, rate = 0.4 * path.end, (GOAL - START) / path.end
-    series = np.zeros((4, 6))
-    series[0], series[1] = START + s * rate, rate
-    T = oracles.fk_series(PAPER, series) * np.array([1.0, 1.0, 2.0, 6.0])[:, None, None]
-    for order in (1, 2, 3):
-        np.testing.assert_allclose(path(s, order)[:3], T[order, :3, 3], rtol=0.0, atol=1e-13)
-    R, w, w1, w2 = T[0, :3, :3], *(oracles.crossing(path(s, k)[3:]) for k in (1, 2, 3))
-    np.testing.assert_allclose(w @ R, T[1, :3, :3], rtol=0.0, atol=1e-13)
-    np.testing.assert_allclose((w1 + w @ w) @ R, T[2, :3, :3], rtol=0.0, atol=1e-13)
-    np.testing.assert_allclose((w2 + 2 * w1 @ w + w @ w1 + w @ w @ w) @ R, T[3, :3, :3], rtol=0.0, atol=1e-12)
-
-
 @pytest.mark.parametrize("robot", ["paper6r", "ur5e", "panda", "irb910sc"])
 def test_the_bounds_hold_for_any_arm_also_where_samples_are_far_apart(robot: str) -> None:
     arm, rng = load(robot), np.random.default_rng(2)

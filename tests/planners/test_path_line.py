@@ -52,14 +52,8 @@ def test_what_lies_outside_the_interval_is_refused_and_the_parameter_named(kind:
             c(wrong)
         assert info.value.argument == name
         assert str(info.value).startswith(f"{name}: ")
-
-
-@pytest.mark.parametrize("kind", CURVES)
-def test_the_value_that_lies_outside_is_the_one_reported(kind: str) -> None:
-    c = curve(kind)
-    with pytest.raises(InvalidInput) as info:
+    with pytest.raises(InvalidInput, match=r"123\.25"):
         c([0.0, 0.5 * c.end, 123.25, 0.25 * c.end])
-    assert "123.25" in info.value.got
 
 
 @pytest.mark.parametrize("kind", CURVES)

@@ -19,6 +19,7 @@ from planners.following.failure import FollowStatus
 from planners.following.joint_path import JointPath
 from planners.planning import PlanStatus
 from planners.planning.planner import PlanOptions
+from planners.replan import finish
 from planners.timing import TimeLaw
 from tests import oracles
 from tests.oracles import PAPER
@@ -461,7 +462,11 @@ def test_only_a_motion_between_rests_is_stretched_and_only_to_longer_ones() -> N
         too_far().stretched(2.0)
 
 
-def test_checked_stops_follow_the_stretching_and_nothing_is_far_slower_than_no_limit() -> None:
+def test_checked_stops_follow_the_stretching_and_nothing_is_far_slower_than_no_limit(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(finish, "STEPS", 20)
+    monkeypatch.setattr(finish, "CHECKED_STEPS", 40)
     usual = planned(timing="optimal", limits=LIMITS)
     checked = usual.slowed_to(stopping_time=0.9 * float(usual.stopping.time.max()))
     assert checked.stop_step is not None

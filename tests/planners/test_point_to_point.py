@@ -281,10 +281,8 @@ def test_a_bound_of_a_piece_is_its_largest_sample_and_what_may_be_between_sample
         )
         bounds = path.piece_bounds()
         monkeypatch.setattr(PointToPoint, "coordinates", evaluate)
-        at, reach = (
-            np.unique(np.concatenate([np.ravel(s) for s in seen])),
-            reach_bounds(robot, path.spline.derivative_bounds(path.coefficients, 4)),
-        )
+        at = np.unique(np.concatenate([np.ravel(s) for s in seen]))
+        reach = reach_bounds(robot, path.spline.derivative_bounds(path.coefficients, 4))
         turns = oracles.rotation_derivatives(path, at)[1:4]
         norms = [
             [np.linalg.norm(path(at, order)[:, :3], axis=1) for order in (1, 2, 3)],

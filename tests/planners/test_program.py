@@ -124,10 +124,8 @@ def test_a_program_without_a_path_in_space_has_no_path_error_but_rounding():
 
 def check_collinear(seed: int) -> None:
     """One line of a random arm, and the same cut into two to four parts with zones between."""
-    rng, name = (
-        np.random.default_rng([31, seed]),
-        ("ur5e", "kr6", "irb120", "gen3lite", "panda", "iiwa14", "fr3")[seed % 7],
-    )
+    rng = np.random.default_rng([31, seed])
+    name = ("ur5e", "kr6", "irb120", "gen3lite", "panda", "iiwa14", "fr3")[seed % 7]
     robot, one = optik.load(name), None
     while not one:
         q = robot.limits.middle + np.minimum(robot.limits.half, 2.5) * rng.uniform(-0.7, 0.7, robot.n)
@@ -391,9 +389,11 @@ def test_a_program_of_one_part_is_the_plan_of_that_part():
 
 def test_a_move_of_the_joints_to_a_pose_takes_the_configuration_from_which_the_lines_are_followed():
     rng, looked = np.random.default_rng(7), 0
-    for _ in range(60):
+    for k in range(33):
         goal = ROBOT.fk(ROBOT.limits.clip(START + rng.uniform(-1.5, 1.5, 6)))
         lines = [Part(Move(0.25 * rng.normal(size=3), "base")) for _ in range(2)]
+        if k % 3 != 2:  # a third of them, with the last, is enough
+            continue
         nearest = PointToPoint(ROBOT, START, goal)  # by the least way of the joints
         q = nearest.configurations(ROBOT, np.array([nearest.end]))[0]
         simple = planners.plan(ROBOT, Program(lines), q, limits=LIMITS)

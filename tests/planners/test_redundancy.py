@@ -44,10 +44,8 @@ def test_free_directions_are_an_orthonormal_null_space_turned_little(n: int) -> 
     for _ in range(20):
         J = rng.normal(size=(6, n))
         null = np.linalg.svd(J)[2][6:].T
-        before, N = (
-            null @ np.linalg.qr(rng.normal(size=(n - 6, n - 6)))[0] + 0.05 * rng.normal(size=(n, n - 6)),
-            np.empty((n, n - 6)),
-        )
+        before = null @ np.linalg.qr(rng.normal(size=(n - 6, n - 6)))[0] + 0.05 * rng.normal(size=(n, n - 6))
+        N = np.empty((n, n - 6))
         smoothing.find_null_space(J, before, N)
         np.testing.assert_allclose(N.T @ N, np.eye(n - 6), atol=1e-12)
         np.testing.assert_allclose(J @ N, 0.0, atol=1e-12)

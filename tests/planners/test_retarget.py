@@ -53,11 +53,8 @@ def draw(arm: str, rng: np.random.Generator) -> tuple[planners.Plan, float, Chun
     """A running motion, a time, and a chunk that goes on from near there, noisy, with a duplicate, as fast as the limits."""
     plan = running(arm)[rng.integers(6)]
     at = float(rng.uniform(0.02, 0.98) * plan.trajectory.duration)
-    rate, m, delay = (
-        float(rng.choice([10.0, 15.0, 20.0, 30.0])),
-        int(rng.integers(8, 51)),
-        float(rng.uniform(0.0, 0.15)),
-    )
+    rate, m = float(rng.choice([10.0, 15.0, 20.0, 30.0])), int(rng.integers(8, 51))
+    delay = float(rng.uniform(0.0, 0.15))
     t, seen = np.arange(m)[:, None] / rate, max(at - delay, 0.0)
     q, v = plan.trajectory(seen), plan.trajectory(seen, 1)
     points = q + rng.uniform(-0.05, 0.05, q.size) + 0.4 * v * (1.0 - np.exp(-t / 0.4))
@@ -376,12 +373,8 @@ def random_programme(rng: np.random.Generator) -> tuple[Any, ...]:
     T = np.append(0.0, np.cumsum(rng.uniform(0.02, 0.06, N)))
     f, A, H = np.empty((3, N + 3)), np.empty((9, N + 3)), np.empty((4, N + 3))
     make_factors(T, f), make_stencils(f, A)
-    when, w, B, at = (
-        np.linspace(0.02, T[-1] - 0.1, 25),
-        np.full(25, 0.02),
-        np.empty((25, 4)),
-        np.empty(25, dtype=np.int64),
-    )
+    when, w, B = np.linspace(0.02, T[-1] - 0.1, 25), np.full(25, 0.02), np.empty((25, 4))
+    at = np.empty(25, dtype=np.int64)
     make_objective(T, when, w, A, H, B, at)
     target, g = np.cumsum(rng.normal(size=25)) * 0.05, np.zeros(N + 3)
     for i in range(25):

@@ -34,7 +34,7 @@ def rates(path: Curve, order: int) -> Array:
 
 # ---------------------------------------------------------------- which points it answers
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "reversal"])
-@pytest.mark.parametrize("seed", [*range(3), *(pytest.param(seed, marks=pytest.mark.soak) for seed in range(3, 15))])
+@pytest.mark.parametrize("seed", [*range(2), *(pytest.param(seed, marks=pytest.mark.soak) for seed in range(2, 15))])
 def test_any_points_without_a_reversal_give_a_curve_within_the_tolerance(kind: str, seed: int) -> None:
     rng = np.random.default_rng([22, seed])
     points, noise = drawn(rng, kind)
@@ -93,10 +93,8 @@ def test_a_curve_of_larger_points_is_the_larger_curve() -> None:
     for scale in (1e-3, 1.0, 1e4):
         for tolerance in (0, (1e-4, 1e-3)):
             own = (scale * tolerance[0], tolerance[1]) if isinstance(tolerance, tuple) else 0
-            small, large = (
-                Spline(points, orientation=UP, tolerance=tolerance),
-                Spline(scale * points, orientation=UP, tolerance=own),
-            )
+            small = Spline(points, orientation=UP, tolerance=tolerance)
+            large = Spline(scale * points, orientation=UP, tolerance=own)
             s = np.linspace(0.0, 1.0, 101)
             near = 1e-9 if tolerance == 0 else 1e-5
             np.testing.assert_allclose(

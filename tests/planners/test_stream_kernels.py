@@ -61,10 +61,8 @@ def test_a_sweep_is_as_fast_as_its_rows_allow_and_ends_at_rest() -> None:
 
 def test_a_smoothed_pace_is_the_mean_of_a_centred_window() -> None:
     rng, width, first = np.random.default_rng(3), 0.4, 0.7
-    t, s = (
-        np.append(0.0, np.cumsum(rng.uniform(0.01, 0.2, 30))),
-        np.append(0.2, 0.2 + np.cumsum(rng.uniform(0.0, 0.3, 30))),
-    )
+    t = np.append(0.0, np.cumsum(rng.uniform(0.01, 0.2, 30)))
+    s = np.append(0.2, 0.2 + np.cumsum(rng.uniform(0.0, 0.3, 30)))
     when, out = np.linspace(0.0, t[-1] + 0.5, 40), np.empty(40)
     smooth_pace(s, t, first, width, when, out)
     u = (np.arange(20_000) + 0.5) / 20_000 - 0.5

@@ -23,7 +23,7 @@ from planners.cell.drives import make_drive
 from planners.cell.drives.ros import RosDrive
 from planners.ros.rosbridge import RosbridgeTransport
 from planners.streams import Chunk, Setpoint
-from tests.oracles import REPOSITORY
+from tests import forks
 from tests.planners.faulty import Faulty, LostEncoder, Stall
 from tests.planners.rosbridge_server import commanded
 
@@ -182,12 +182,6 @@ def test_a_mistyped_option_is_named_in_one_line(tmp_path, more, words):
     file = tmp_path / "chunks.csv"
     write_chunks(file)
     typed = ["stream", str(file), "--robot", "ur5e", "--acceleration", "5", "--jerk", "50"]
-    said = subprocess.run(
-        [sys.executable, "-m", "benchmarks.cli", *typed, *more],
-        capture_output=True,
-        text=True,
-        check=False,
-        cwd=REPOSITORY,
-    )
+    said = forks.command(*typed, *more)
     assert said.returncode == 2 and said.stdout == ""
     assert said.stderr.startswith(f"error: {words}: ") and said.stderr.count("\n") <= 1, said.stderr

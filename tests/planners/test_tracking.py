@@ -126,7 +126,7 @@ def test_knots_one_rounding_apart_are_kept_at_every_time() -> None:
     """Knots of joints differ by rounding, and a target that is blocked keeps the motion from any time on."""
     robot, rng = optik.load("ur5e"), np.random.default_rng(shift_seed(3))
     blocked = MotionLimits(velocity=2.5, acceleration=10.0, jerk=200.0, tool_speed=1e-3)
-    for _ in range(8):
+    for _ in range(4):
         a, b, far = rng.uniform(-2.0, 2.0, (3, 6))
         first = planners.plan(robot, a + 1e-3, a, limits=LIMITS)
         motion = retarget(first, 0.5 * first.duration, b, limits=LIMITS)
