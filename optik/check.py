@@ -50,7 +50,7 @@ def format_count(number: int, noun: str) -> str:
 
 def check_keywords(function: Callable_) -> Callable_:
     """Let a function, or a class, answer an unknown keyword with the nearest one, or an example of its docstring."""
-    start = function.__init__ if isinstance(function, type) else function
+    start = function.__init__ if isinstance(function, type) else function  # type: ignore[misc]
     code = start.__code__
     known, kinds = code.co_varnames[: code.co_argcount + code.co_kwonlyargcount], code.co_flags & CO_VARKEYWORDS
 
