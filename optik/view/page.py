@@ -427,12 +427,17 @@ def make_page(show: Show) -> str:
     legend |= {"payload": "centre of the payload", "near": "nearest pair", "before": "initial path"}
     legend |= {"zone": "rounded corners", "event": "events"}
     there: dict[str, Any] = {
-        "path": len(show.path) > 1,
         "executed": show.executed,
         "planned": show.executed,
         "beam": show.beam,
+        "scene": show.scene,
     }
-    there |= {"scene": show.scene, "payload": data["payload"], "near": data["clearance"], "before": data["before"]}
+    there |= {
+        "path": len(show.path) > 1,
+        "payload": data["payload"],
+        "near": data["clearance"],
+        "before": data["before"],
+    }
     there |= {"zone": data["zones"], "event": data["events"]}
     return _template("page.html.j2").render(
         show=show,
