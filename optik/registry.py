@@ -181,10 +181,8 @@ def build_method(group: str, name: str | os.PathLike[str] | type, kind: str, *ar
         wrong = re.search(r"(got an unexpected keyword|missing \d+ required|takes no argument).*", str(error))
         if wrong is None:
             raise
-        given, known = ", ".join(options) or "none", files.defaults(method)
-        expected = f"options of the {kind} {short_name(name)!r}"
-        meant = [near for option in options if option not in known and (near := files.find_nearest_name(option, known))]
-        expected += f", such as {', '.join(meant)}" if meant else ""
+        given, known = ", ".join(options) or "none", ", ".join(files.defaults(method)) or "none"
+        expected = f"options of the {kind} {short_name(name)!r}: {known}"
         raise InvalidInput("options", f"{given} ({wrong[0]})", expected) from None
 
 
@@ -218,6 +216,15 @@ def _find_own(folder: Path) -> frozenset[str]:
     return frozenset(found)
 
 
+def find_described(group: str, word: str, known: Sequence[str]) -> list[str]:
+    """Return the built-in names of a group whose first line has a word, if no known name is spelled like it."""
+    if files.find_nearest_name(word, known):
+        return []
+    paths = [_folder(group) / f"{name}.py" for name in sorted(own_names(group))]
+    firsts = {file.stem: file.read_text("utf-8").partition("\n")[0] for file in paths if file.is_file()}
+    return [name for name, first in firsts.items() if re.search(rf"\b{re.escape(word)}\b", first, re.IGNORECASE)]
+
+
 # ---------------------------------------------------------------- from outside
 
 
@@ -249,7 +256,8 @@ def _entry_point(group: str, name: Any, kind: str) -> EntryPoint | None:
     points = entry_points(group).get(name, ())
     if not points:
         file = files.suggest_file(name, files.SUFFIXES if group in _DATA_GROUPS else (".py",))
-        raise UnknownName(kind, name, names(group), f"for a file write ./{file}" if file else "")
+        advice = f"for a file write ./{file}" if file else ""
+        raise UnknownName(kind, name, names(group), advice, find_described(group, name, names(group)))
     reason = _reason(group, name, len(points))
     if reason:
         both = " and ".join(describe_distribution(point) for point in points)

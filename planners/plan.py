@@ -8,7 +8,7 @@ from functools import partial
 from numpy.typing import ArrayLike
 
 from optik.arm.robot import Robot
-from optik.check import check_choice, check_count
+from optik.check import check_choice, check_count, check_keywords
 from optik.errors import InvalidInput, NoSolution
 from optik.ik import SolverLike, get_solver
 from optik.ik.base import Tolerance, ToleranceLike
@@ -33,6 +33,7 @@ from planners.timing import LawLike, make_law
 __all__ = ["Plan", "PlanSeconds", "PlanStatus", "ProgramPlan", "make_law", "path_to", "plan"]
 
 
+@check_keywords
 def plan(
     robot: Robot, path: Path | Program | ArrayLike, q_start: ArrayLike | None = None, *,
     solver: SolverLike = "lm", timing: LawLike = "optimal", limits: MotionLimits | None = None, samples: int = 151,
@@ -54,7 +55,7 @@ def plan(
     solver, timing : str, path, type, or IKSolver and TimeLaw
         A name, a file (``"./jt.py"``), a class, or an object, such as ``make_law("constant_speed", speed=0.1)``.
     limits : MotionLimits, optional
-        By default the robot's own. A plan that exceeds a limit given here is invalid, even if its law does not enforce it.
+        By default the robot's own. A plan that exceeds others, ``MotionLimits.of(robot, velocity=1, jerk=50)``, is invalid.
     samples, branch : int, and {"start", "best"}, optional
         Equally spaced samples of the path. Keep the branch of ``q_start``, the default with one, or choose branch and winding.
     duration, strict : float, optional, and bool

@@ -64,7 +64,7 @@ class RunCommand(JsonCommand):
     cannot be written; 130 after Ctrl-C.
     """
 
-    suite: str = argument("SUITE", "A name from `optik bench list`, or a TOML file.")
+    suite: str = argument("SUITE", "A name from `optik bench list`, or a TOML file.", "benchmarks.suites")
     out: Path = option("Options", "Folder of the run: new, empty, or with an interrupted run of the same suite.", ...)
     workers: int = option("Options", WORKERS_HELP, 1)
     dask: str = option("Options", "Run on the Dask cluster of this scheduler: tls://HOST:PORT.", "", metavar="ADDRESS")
