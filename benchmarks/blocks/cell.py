@@ -194,26 +194,26 @@ EXECUTED_TO_END = "executed"
 
 def trial_facts(execution: Execution) -> dict[str, Any]:
     """Return the facts on an execution."""
-    found = failure(execution.drive, EXECUTED_TO_END if execution else str(execution.status), execution.reason)
+    facts = failure(execution.drive, EXECUTED_TO_END if execution else str(execution.status), execution.reason)
     if execution.motion is None or len(execution.t) < 2:
-        return found
+        return facts
     motion, names = execution.motion, execution.robot.joint_names
     planned = motion(np.minimum(execution.t, motion.end))
     off = np.abs(execution.q - planned)
     joint = int(off.max(axis=0).argmax())
     tools = execution.robot.fk(execution.q)[:, :3, 3] - execution.robot.fk(planned)[:, :3, 3]
-    found |= {
+    facts |= {
         "duration": float(execution.plan.trajectory.duration), "tracking_rad": float(off.max()),
         "tracking_joint": names[joint], "tracking_m": float(np.linalg.norm(tools, axis=1).max()), "late": execution.late,
     }  # fmt: skip
     if execution.torque is not None:
-        found["energy"] = float(np.trapezoid(np.maximum(execution.torque * execution.dq, 0.0).sum(axis=1), execution.t))
+        facts["energy"] = float(np.trapezoid(np.maximum(execution.torque * execution.dq, 0.0).sum(axis=1), execution.t))
         peak = np.abs(execution.torque).max(axis=0)
         bound = np.abs(np.asarray(execution.plan.certificate.torque.value, dtype=float))
         if np.isfinite(bound).all() and (bound > 0.0).all():
             worst = int(np.argmax(peak / bound))
-            found |= {"torque_ratio": float(peak[worst] / bound[worst]), "torque_joint": names[worst]}
-    return found
+            facts |= {"torque_ratio": float(peak[worst] / bound[worst]), "torque_joint": names[worst]}
+    return facts
 
 
 def failure(drive: str, status: str, reason: str) -> dict[str, Any]:
@@ -346,8 +346,8 @@ def plan_through(robot: Robot, line: Line, q: Array, solver: str, law: str) -> P
         return Plan(robot, line, limits, PlanStatus.TIMING_INFEASIBLE, solver, law, joints, failure, None, None)
     proof = Motion(robot, line, limits, trajectory, law, enforced, WIDE).certify()
     why = PlanFailure(PlanStatus.NOT_PROVED, 0.0, None, f"the certificate is not valid: {'; '.join(proof.reasons)}", "")
-    status, found = (PlanStatus.SOLVED, None) if proof.is_valid else (PlanStatus.NOT_PROVED, why)
-    return Plan(robot, line, limits, status, solver, law, joints, found, trajectory, proof)
+    status, refusal = (PlanStatus.SOLVED, None) if proof.is_valid else (PlanStatus.NOT_PROVED, why)
+    return Plan(robot, line, limits, status, solver, law, joints, refusal, trajectory, proof)
 
 
 SPOTS_PART = 4

@@ -327,19 +327,19 @@ class CompareCommand(JsonCommand):
         from benchmarks.report.base import Run
         from benchmarks.report.compare import as_data, compare_runs
 
-        found = compare_runs(Run(RunFolder(self.first)), Run(RunFolder(self.second)))
-        worse = len(found.worse_than(self.threshold))
+        comparison = compare_runs(Run(RunFolder(self.first)), Run(RunFolder(self.second)))
+        worse = len(comparison.worse_than(self.threshold))
         if self.as_json:
             print_json(
                 {
                     "a": str(self.first), "b": str(self.second), "threshold": self.threshold, "worse_past_threshold": worse,
-                    "differences": [as_data(d) for d in found.differences], "left_out": list(found.left_out),
-                    "settings": [one._asdict() for one in found.settings],
+                    "differences": [as_data(d) for d in comparison.differences], "left_out": list(comparison.left_out),
+                    "settings": [one._asdict() for one in comparison.settings],
                 }
             )  # fmt: skip
         else:
-            self._print(found)
-            verdicts = [d.verdict for d in found.differences]
+            self._print(comparison)
+            verdicts = [d.verdict for d in comparison.differences]
             counts = ", ".join(
                 f"{verdicts.count(word)} {word}" for word in ("better", "worse", "the machine", "within noise")
             )

@@ -266,10 +266,10 @@ def _paired(b: CallRows) -> Table | None:
     others = [label for label in b.by_method if label != reference]
     if reference not in b.by_method or not others:
         return None
-    found = [_pair(b.by_method[label], b.by_method[reference]) for label in others]
-    few = [label for label, cells in zip(others, found, strict=True) if is_too_few(cells.pop("pairs"), len(others))]
+    pairs = [_pair(b.by_method[label], b.by_method[reference]) for label in others]
+    few = [label for label, cells in zip(others, pairs, strict=True) if is_too_few(cells.pop("pairs"), len(others))]
     for key in ("p_solved", "p_time"):
-        for cells, p in zip(found, holm([cells[key] for cells in found]), strict=True):
+        for cells, p in zip(pairs, holm([cells[key] for cells in pairs]), strict=True):
             cells[key] = p
     columns = (
         LABEL,
@@ -288,7 +288,7 @@ def _paired(b: CallRows) -> Table | None:
         f"by Holm's procedure for the {len(others)} method{'s' if len(others) != 1 else ''} of this table."
         + (f" Too few problems for a test: {listed(few)}." if few else "")
     )
-    rows = tuple({"label": label} | cells for label, cells in zip(others, found, strict=True))
+    rows = tuple({"label": label} | cells for label, cells in zip(others, pairs, strict=True))
     return Table(f"calls-{slug(b.block.id)}-pairs", f"{b.block.title}: paired tests", columns, rows, note)
 
 

@@ -89,8 +89,8 @@ def _medians(b: BlockRows) -> str:
         asked = every["line"].n_unique()
         middle = measure_named(MEASURES, "median_optimum", "measure").value(every)
         ms = measure_named(MEASURES, "median_ms", "measure").value(rows)
-        given = f" on {asked:,} motions" if asked < lines else ""
-        words.append(f"{label} {number(middle, 4)} T*{given} ({keeps}, {number(ms)} ms)")
+        count = f" on {asked:,} motions" if asked < lines else ""
+        words.append(f"{label} {number(middle, 4)} T*{count} ({keeps}, {number(ms)} ms)")
     if not words:
         return ""
     return (

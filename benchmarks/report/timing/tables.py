@@ -91,10 +91,10 @@ def laws_table(b: BlockRows, rows: pl.DataFrame, title: str, name: str) -> Table
     ms, fields, stretched = "ms", limited(rows), "kept_over_optimum"
     jerk, valid = "sampled_jerk", mean("holds", 100.0, among="solved")
 
-    def holds(own: pl.DataFrame) -> Cell:
-        if not b.entries[own["method"][0]]["enforced"] and own["solved"].any():
+    def holds(group: pl.DataFrame) -> Cell:
+        if not b.entries[group["method"][0]]["enforced"] and group["solved"].any():
             return "nothing enforced"
-        rate = valid(own)
+        rate = valid(group)
         return None if rate is None else f"{rate:.1f} %"
 
     columns = (
@@ -126,9 +126,9 @@ def laws_table(b: BlockRows, rows: pl.DataFrame, title: str, name: str) -> Table
     )  # fmt: skip
     groups: list[Group] = []
     for label, about in b.entries.items():
-        own = rows.filter(pl.col("method") == label)
+        group = rows.filter(pl.col("method") == label)
         missing = "absent" if "absent" in about else "not requested"
-        groups.append(({"label": label, "kept": missing}, None) if own.is_empty() else ({"label": label}, own))
+        groups.append(({"label": label, "kept": missing}, None) if group.is_empty() else ({"label": label}, group))
     return table_of(f"timing-{slug(b.block.id)}-{name}", title, columns, groups, _note(b, rows))
 
 
@@ -142,12 +142,12 @@ def _note(b: BlockRows, rows: pl.DataFrame) -> str:
     if "torque" in limited(rows):
         sentences.append(TORQUE_NOTE)
     for label, about in b.entries.items():
-        own = rows.filter((pl.col("method") == label) & pl.col("solved"))
+        solved = rows.filter((pl.col("method") == label) & pl.col("solved"))
         if "absent" in about:
             sentences.append(f"{label}: {about['absent']}.")
-        elif len(own) and not own["follows"].all():
-            sentences.append(f"{label}: {int((~own['follows']).sum()):,} motions leave the path or do not cover it.")
-        endless = own.filter(pl.col("least_duration").is_infinite())
+        elif len(solved) and not solved["follows"].all():
+            sentences.append(f"{label}: {int((~solved['follows']).sum()):,} motions leave the path or do not cover it.")
+        endless = solved.filter(pl.col("least_duration").is_infinite())
         if unbounded := len(endless.filter(pl.any_horizontal(pl.col(DERIVATIVES).is_infinite()))):
             sentences.append(f"{label}: jerk unbounded in {unbounded:,} motions; no time scaling meets a jerk limit.")
         if beyond := len(endless) - unbounded:
@@ -166,11 +166,11 @@ def violations(b: BlockRows) -> Table | None:
     """Return limit violations of every law: how often, by how much, and the duration without violations."""
     good = b.rows.filter(pl.col("solved") & (pl.col("entry") != "reference"))
     order = {label: i for i, label in enumerate(b.block.labels)}
-    found: list[tuple[dict[str, Cell], pl.DataFrame]] = []
+    groups: list[tuple[dict[str, Cell], pl.DataFrame]] = []
     for (label, limits), rows in good.group_by("method", "limits", maintain_order=True):
         if (rows["breaks"] != "").any():
-            found.append(({"label": str(label), "limits": str(limits)}, rows))
-    if not found:
+            groups.append(({"label": str(label), "limits": str(limits)}, rows))
+    if not groups:
         return None
     columns = [LAW_COLUMN, Column("limits", "Limits", show="text"), Column("count", "motions", show="count", of=len)]
     for field in limited(b.rows):
@@ -184,7 +184,7 @@ def violations(b: BlockRows) -> Table | None:
         Column("now", "median T", "s", show="precise", of=median("duration")),
         Column("least", least, "s", show="precise", of=median("least_duration", among=pl.col("breaks") != "")),
     ]
-    ordered = sorted(found, key=lambda group: (order[str(group[0]["label"])], str(group[0]["limits"])))
+    ordered = sorted(groups, key=lambda group: (order[str(group[0]["label"])], str(group[0]["limits"])))
     title = f"{b.block.title}: limit violations, enforced or not"
     return table_of(f"timing-{slug(b.block.id)}-violations", title, columns, ordered)
 
