@@ -31,7 +31,6 @@ from benchmarks.records import (
 from benchmarks.run.pool import (
     IN_FLIGHT,
     Child,
-    Cluster,
     Failure,
     Pool,
     Processes,
@@ -166,7 +165,6 @@ def run_suite(
     *,
     workers: int = 1,
     executor: Executor | None = None,
-    dask: str = "",
     part_timeout: float | None = None,
     progress: Progress | None = None,
     command: str = "",
@@ -183,8 +181,6 @@ def run_suite(
         Number of processes. More than one affects measured times, not results.
     executor : concurrent.futures.Executor, optional
         Executor that runs the parts in place of processes; the caller shuts it down.
-    dask : str
-        Address of a Dask scheduler whose workers run the parts in place of processes; empty for none.
     part_timeout : float, optional
         Time limit of a part in a worker process [s]; by default `PART_SECONDS` if there are several processes. With a limit,
         parts run in a worker process even if there is only one.
@@ -204,13 +200,13 @@ def run_suite(
         The folder cannot be written, contains something else, or another process writes to it.
     InvalidInput
         An unknown option of a set or a method; a plug-in that is not allowed, or has changed since the start of the run; a
-        damaged or foreign table in the folder; no cluster at that address.
+        damaged or foreign table in the folder.
     """
     check_allowed(suite.plugins, suite.allow_plugins)
     folder, manifest = RunFolder(out), new_manifest(suite, workers, command)
     resumed(folder, manifest)
     recorded = manifest["plugins"]
-    with closing(_pool(workers, executor, dask, part_timeout, recorded)) as pool, begin_run(folder, manifest) as lock:
+    with closing(_pool(workers, executor, part_timeout, recorded)) as pool, begin_run(folder, manifest) as lock:
         run = _Run(suite, folder, lock, recorded, progress or (lambda done, total, what: None))
         with compiled_aside(suite) if isinstance(pool, Processes) else nullcontext():
             run.prepare()
@@ -221,17 +217,13 @@ def run_suite(
     return folder
 
 
-def _pool(
-    workers: int, executor: Executor | None, dask: str, limit: float | None, recorded: list[dict[str, str]]
-) -> Pool:
+def _pool(workers: int, executor: Executor | None, limit: float | None, recorded: list[dict[str, str]]) -> Pool:
     """Return the pool that runs the parts."""
     check_count(workers, "workers", 1, MOST_WORKERS)
     if limit is not None and check_number(limit, "part_timeout", "a time [s] above 0") <= 0.0:
         raise InvalidInput("part_timeout", limit, "a time [s] above 0")
     if executor is not None:
         return Pool(executor, IN_FLIGHT, recorded)
-    if dask:
-        return Cluster(dask, recorded)
     if workers == 1 and limit is None:
         return ThisProcess(recorded)
     return Processes(workers, recorded, limit or PART_SECONDS)
