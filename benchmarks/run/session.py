@@ -28,16 +28,7 @@ from benchmarks.records import (
     record_failures,
     update_manifest,
 )
-from benchmarks.run.pool import (
-    IN_FLIGHT,
-    Child,
-    Failure,
-    Pool,
-    Processes,
-    ThisProcess,
-    solve_shards,
-    words_of_error,
-)
+from benchmarks.run.pool import IN_FLIGHT, Child, Failure, Pool, Processes, ThisProcess, solve_shards, words_of_error
 from benchmarks.suite import Suite, suite_of
 from optik.arm.library import load
 from optik.check import check_count, check_number

@@ -355,13 +355,12 @@ def joint_frame(planned: Plan) -> pl.DataFrame:
 
 
 def _torques(planned: Plan, t: Array) -> dict[str, Array]:
-    """Return torques, torque rates and friction for the load with larger values at each instant; empty without masses."""
+    """Return torques and torque rates for the load with larger values at each instant; empty without masses."""
     robot, motion = planned.robot, planned.trajectory
     if robot.inertia is None:
         return {}
     found = [np.take_along_axis(x, np.abs(x).argmax(axis=0)[None], axis=0)[0] for x in sample_torques(robot, motion, t)]
-    friction = np.broadcast_to(robot.inertia.coulomb, found[0].shape)
-    return dict(zip(("torque", "torque_rate", "coulomb"), (x.ravel() for x in (*found, friction)), strict=True))
+    return dict(zip(("torque", "torque_rate"), (x.ravel() for x in found), strict=True))
 
 
 def tool_frame(planned: Plan) -> pl.DataFrame:

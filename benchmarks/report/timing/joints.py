@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import polars as pl
-from scipy.ndimage import binary_dilation, label
 
 from benchmarks.blocks.base import BlockRows
 from benchmarks.report.base import Run
@@ -23,7 +22,6 @@ from benchmarks.report.boards import (
     figure,
     lean,
     level,
-    line,
     line_over,
     log_axis,
     vary,
@@ -43,12 +41,6 @@ ALL_LAWS, ALL_JOINTS = "all laws", "all joints"
 
 IN_VIEW, WHOLE_CURVES = "limits in view", "whole curves"
 """Choices of the vertical range."""
-
-WHOLE_MOTION, MOTION_START, MOTION_END = "whole motion", "first 0.06 s", "last 0.06 s"
-"""Choices of the horizontal range."""
-
-END_SECONDS = 0.06
-"""Seconds at either end that a plot can zoom to: three of the paper's intervals."""
 
 OF_TORQUES = (
     " Torques are those of the arm's model, of a payload's interval the end that needs more; the rate of the torque is without "
@@ -122,17 +114,13 @@ def _joint_board(b: BlockRows, rows: pl.DataFrame, run: Run) -> Board:
             when = {"law": [str(law), ALL_LAWS], "joint": [str(joint), ALL_JOINTS]}
             look = {"name": str(law), "line": {"color": run.colour(str(law))}}
             add(plot, trace, when, at={"law": [ALL_LAWS]}, look=look)
-        if column == "torque":
-            add_friction(plot, rows, joints)
         _bands(plot, ranges[column], column, joints)
         _whole_ranges(plot, rows, column, laws, joints)
-        _time_ranges(plot, rows, laws)
         plots.append(plot)
     controls = (
         law_control(laws, ALL_LAWS),
         Control.of("joint", "Joint", (ALL_JOINTS, *joints)),
         Control.of("range", "Vertical range", (IN_VIEW, WHOLE_CURVES)),
-        Control.of("time", "Time", (WHOLE_MOTION, MOTION_START, MOTION_END)),
     )
     instants = len(rows) // len(rows.unique(["law", "joint"]))
     return Board(
@@ -141,29 +129,6 @@ def _joint_board(b: BlockRows, rows: pl.DataFrame, run: Run) -> Board:
         "all. The peaks in the table below are exact, not from these instants."
         + (OF_TORQUES if "torque" in rows.columns else ""),
     )  # fmt: skip
-
-
-def add_friction(plot: Figure, rows: pl.DataFrame, joints: list[str]) -> None:
-    """Add the torques that Coulomb friction allows where a joint rests or reverses."""
-    for (law, joint), part in rows.group_by("law", "joint", maintain_order=True):
-        friction = float(part["coulomb"][0])
-        if friction == 0.0:
-            continue
-        t, torque, moved = part["t"].to_numpy(), part["torque"].to_numpy(), np.sign(part["dq"].to_numpy())
-        change = np.diff(moved) != 0.0
-        either = (moved == 0.0) | np.append(change, False) | np.append(False, change)
-        without, width = torque - friction * moved, friction * either
-        ends = np.where(either, without, torque)
-        of_run, count = label(binary_dilation(either))
-        runs = [np.flatnonzero(of_run == k) for k in range(1, count + 1)]
-        x = [[*t[run], *t[run[::-1]], np.nan] for run in runs]
-        y = [[*(ends + width)[run], *(ends - width)[run[::-1]], np.nan] for run in runs]
-        trace = line(
-            np.concatenate([[], *x]), np.concatenate([[], *y]), name="Coulomb friction either way", fill="toself",
-            hoverinfo="skip", opacity=0.3, line={"color": colour(joints.index(str(joint))), "width": 0},
-            fillcolor=colour(joints.index(str(joint))),
-        )  # fmt: skip
-        add(plot, trace, {"law": [str(law)], "joint": [str(joint)]})
 
 
 def _ranges(robot: Robot, limits: MotionLimits) -> dict[str, list[tuple[float, float] | None]]:
@@ -220,17 +185,6 @@ def _whole_ranges(plot: Figure, rows: pl.DataFrame, column: str, laws: list[str]
                 {"range": [WHOLE_CURVES], "law": [law], "joint": [joint]},
                 {"yaxis": {"range": lean([low - room, high + room]).tolist()}},
             )
-
-
-def _time_ranges(plot: Figure, rows: pl.DataFrame, laws: list[str]) -> None:
-    vary(plot, {"time": [MOTION_START]}, {"xaxis": {"range": [-0.05 * END_SECONDS, END_SECONDS]}})
-    for law in laws:
-        end = float(rows.filter(pl.col("law") == law)["t"].to_numpy().max())
-        vary(
-            plot,
-            {"time": [MOTION_END], "law": [law]},
-            {"xaxis": {"range": [end - END_SECONDS, end + 0.05 * END_SECONDS]}},
-        )
 
 
 def _tool_board(rows: pl.DataFrame, run: Run) -> Board:
