@@ -27,7 +27,7 @@ from benchmarks.report.boards import (
     vary,
 )
 from benchmarks.report.budgets.accuracy import DAMPING_BLOCK, accuracy, damping, damping_table
-from benchmarks.report.budgets.default import COMPARED_PROBLEMS, budget_axis, compared_rows, comparisons, default
+from benchmarks.report.budgets.default import COMPARED_PROBLEMS, compared_rows, comparisons, default
 from benchmarks.report.budgets.maps import maps, picture, sheets_of
 from benchmarks.report.page import most_solved
 from benchmarks.report.tables import Column, Group, Table, listed, table_of
@@ -110,10 +110,11 @@ def method_table(b: BudgetRows) -> Table:
 
 
 def _success_board(blocks: list[BudgetRows], run: Run) -> Board:
+    budget = axis("iteration budget", type="log", tickvals=[1, 2, 5, 10, 20, 50, 100, 200, 500])
     plots = []
     for level in SUCCESS_LEVELS:
         title, solved = f"Success at {level_words(level)} m and rad", percent_axis("problems solved")
-        plot = figure(f"success-{level:.0e}", title, budget_axis(), solved)
+        plot = figure(f"success-{level:.0e}", title, budget, solved)
         for b in blocks:
             _add_success(plot, b, run, level)
         plots.append(plot)
@@ -283,7 +284,7 @@ REPORT = KindReport(
         Section("Is the default better than the paper's iteration?", "default", default, order=5),
         Section("Reached spots of the workspace", "picture", picture, order=5, place="top"),
         Section("Methods", "budgets", methods, order=30),
-        Section("Error against distance and budget", "error", accuracy, order=40),
+        Section("Error against distance", "error", accuracy, order=40),
         Section("Damping by distance to a singularity", "damping", damping, order=50),
         Section("The workspace: positions and errors (Fig. 10 to 13)", "maps", maps, order=60),
         Section("The paper and this report", "paper", _paper, _PAPER, 98),

@@ -12,7 +12,6 @@ import polars as pl
 from benchmarks.blocks.budgets import SUCCESS_LEVELS, BudgetRows, succeeded
 from benchmarks.blocks.entries import ProblemBlock, level_words, shared
 from benchmarks.report.base import Run
-from benchmarks.report.boards import Json, axis
 from benchmarks.report.page import MethodRanking, rank_methods
 from benchmarks.report.tables import number, p_value, percent
 from benchmarks.statistics import SIGNIFICANT, McNemar, is_too_few, mcnemar
@@ -165,8 +164,3 @@ def answer(pair: Pair, run: Run) -> str:
             f"{number(max(mine, other) / min(mine, other), 2)} times {'less' if mine < other else 'more'}."
         )
     return text
-
-
-def budget_axis() -> Json:
-    """Return the axis of the iteration budget."""
-    return axis("iteration budget", type="log", tickvals=[1, 2, 5, 10, 20, 50, 100, 200, 500])

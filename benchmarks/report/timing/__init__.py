@@ -34,7 +34,6 @@ from benchmarks.report.timing.tables import (
     law_tables,
     make_line_tables,
     plan_times,
-    plot_singularity,
     torques,
     violations,
 )
@@ -59,7 +58,7 @@ def _block(b: BlockRows, run: Run) -> dict[str, Any]:
         "limits": [limit_words(part) for part in block.limits], "reference": _reference(b),
         "done": b.rows["line"].n_unique(), "count": sum(part.count for part in block.lines),
         "sets": [(part.arm, part.kind.replace("_", "-"), part.count) for part in block.lines],
-        "boards": [board for board in (durations(b, run), torques(b, run), plot_singularity(b, run)) if board is not None],
+        "boards": [board for board in (durations(b, run), torques(b, run)) if board is not None],
         "tables": tables[:alone], "more": tables[alone:],
         "others": [table for table in (violations(b), plan_times(b), compared(b)) if table is not None],
         "example": example_boards(b, run),

@@ -10,7 +10,6 @@ import polars as pl
 
 from benchmarks.blocks.base import BlockRows
 from benchmarks.blocks.block import largest, mean, median, median_with_interval, quantile, share
-from benchmarks.blocks.contest import version_words
 from benchmarks.blocks.entries import JOINT_LIMITS, arm_label
 from benchmarks.blocks.timing.rows import NEARLY, ON_PATH_M, in_group
 from benchmarks.blocks.timing.settings import GIVEN_LINE
@@ -33,7 +32,7 @@ from benchmarks.report.boards import (
     log_axis,
     ticked_axis,
 )
-from benchmarks.report.tables import Cell, Column, Group, Table, quote_label, table_of
+from benchmarks.report.tables import VERSION_COLUMNS, Cell, Column, Group, Table, quote_label, table_of, version_cells
 from benchmarks.report.timing.line import law_table
 from optik.check import format_count
 from optik.registry import short_name
@@ -210,19 +209,12 @@ def plan_times(b: BlockRows) -> Table | None:
 
 def compared(b: BlockRows) -> Table:
     """Return the enforced limits of each law and peer, its version and its settings."""
-    columns = (
-        LAW_COLUMN,
-        Column("promises", "enforces", show="text"),
-        Column("version", "version", show="text"),
-        Column("settings", "settings", show="text"),
-    )
+    columns = (LAW_COLUMN, Column("promises", "enforces", show="text"), *VERSION_COLUMNS)
     rows = [
-        {
-            "label": label, "promises": ", ".join(k.replace("_", " ") for k in about["enforced"]) or "nothing",
-            "version": version_words(about), "settings": about["settings"],
-        }
+        {"label": label, "promises": ", ".join(k.replace("_", " ") for k in about["enforced"]) or "nothing"}
+        | version_cells(about)
         for label, about in b.entries.items()
-    ]  # fmt: skip
+    ]
     title = f"{b.block.title}: versions and settings"
     return Table(f"timing-{slug(b.block.id)}-compared", title, columns, tuple(rows))
 
@@ -361,38 +353,6 @@ def _find_plot_range(values: pl.Series) -> list[float]:
     """Return the decades that contain all plotted values, and the limit with some margin beyond it."""
     drawn = np.clip(values.drop_nulls().to_numpy(), LEAST_RATIO, MOST_RATIO)
     return [float(np.log10(0.9 * min(drawn.min(), 1.0))), float(np.log10(1.2 * max(drawn.max(), 1.0)))]
-
-
-def _path_words(robot: str, kind: str, index: int) -> str:
-    """Name a path, counted from 1."""
-    return f"{robot}, {kind.replace('_', '-')} path {index + 1}"
-
-
-def plot_singularity(b: BlockRows, run: Run) -> Board:
-    """Plot durations and their ratio to T* over the smallest singular value on the path."""
-    across = ticked_axis("smallest singular value on the path", (0.02, 0.03, 0.05, 0.1, 0.2, 0.3))
-    seconds = ticked_axis("T [s]", (0.2, 0.3, 0.5, 1, 2, 3, 5, 10))
-    plots = (
-        figure("timing-sigma-duration", "Duration", across, seconds, 400),
-        figure("timing-sigma-ratio", "Duration / T*", across, ticked_axis("T / T*", RATIO_TICKS), 400),
-    )
-    for (label, limits), rows in b.rows.filter("solved").group_by("method", "limits", maintain_order=True):
-        if str(label) not in b.entries:
-            continue
-        for plot, column in zip(plots, ("duration", "over_optimum"), strict=True):
-            marker = {"color": run.colour(str(label)), "size": 5, "opacity": 0.75, "symbol": run.symbol(str(label))}
-            trace = line(
-                rows["singular_value"], rows[column], digits=5, mode="markers", name=str(label), marker=marker,
-                text=[_path_words(*key) for key in rows.select("robot", "kind", "index").iter_rows()],
-                hover=f"{label}<br>%{{text}}<br>σ = %{{x:.3g}}: %{{y:.4g}}",
-            )  # fmt: skip
-            add(plot, trace, {"limits": [str(limits)]})
-    controls = (Control.of("limits", "Limits [rad/s, rad/s², rad/s³]", [part.label for part in b.block.limits]),)
-    return Board(
-        f"{b.block.id}-singularity", plots, controls,
-        "One point for each path and law. A law with one bound for the whole path is limited by the worst position along it, "
-        "so it is slower at the left, near a singularity.",
-    )  # fmt: skip
 
 
 _METRES, _RADIANS = (1e3, "mm"), (1.0, "rad")
