@@ -13,7 +13,7 @@ import polars as pl
 from pydantic import AfterValidator, model_validator
 
 from benchmarks.blocks.base import NUMBER, TEXT, TRUTH, WHOLE, Field, Kind, Session, Shard, Trials, chunks, fields_of
-from benchmarks.blocks.block import Column, Entry, largest, mean, median, quantile, share
+from benchmarks.blocks.block import Column, Entry, largest, mean, quantile, share
 from benchmarks.blocks.contest import trial_seed
 from benchmarks.blocks.entries import BudgetedMethod, ProblemBlock, arm_with, store_problems
 from benchmarks.problems.base import ProblemSet
@@ -54,16 +54,11 @@ WITHIN = share((pl.max_horizontal(*(pl.col(f"error_{a}").abs() for a in AXES)) <
 
 MEASURES = (
     Column("within_2mm", "within 2 mm on each axis", "%", show="share", of=WITHIN),
-    Column("median_error_mm", "median position error", "mm", of=median("position_error", 1e3)),
     Column("p95_error_mm", "95th percentile of the position error", "mm", of=quantile("position_error", 0.95, 1e3)),
     Column("worst_servo_mm", "largest servo error at the end", "mm", of=largest("servo_error", 1e3)),
     Column("worst_split_m", "largest |total − sum of its parts|", "m", of=largest("split_rest")),
     Column("executed", "executed to the end", "%", of=mean(pl.col("status") == "executed", 100.0)),
-    Column("tracking_mm", "largest tracking error of the tool", "mm", of=largest("tracking_m", 1e3)),
-    Column("tracking_mrad", "largest tracking error of a joint", "mrad", of=largest("tracking_rad", 1e3)),
     Column("torque_ratio", "largest torque / certificate's bound", show="exact", of=largest("torque_ratio")),
-    Column("median_energy_j", "median energy", "J", of=median("energy")),
-    Column("median_duration_s", "median duration", "s", of=median("duration")),
 )  # fmt: skip
 """Measures that a target can name: of spots, and of every executed motion."""
 

@@ -8,13 +8,13 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor
-from contextlib import closing, contextmanager, nullcontext, suppress
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from benchmarks.blocks.base import Kind, Session, Shard, Tell, add_keys, silent
+from benchmarks.blocks.base import Session, Shard, Tell, add_keys, silent
 from benchmarks.blocks.block import hash_problems
 from benchmarks.provenance import provenance, time_reference
 from benchmarks.records import (
@@ -28,8 +28,8 @@ from benchmarks.records import (
     record_failures,
     update_manifest,
 )
-from benchmarks.run.pool import IN_FLIGHT, Child, Failure, Pool, Processes, ThisProcess, solve_shards, words_of_error
-from benchmarks.suite import Suite, suite_of
+from benchmarks.run.pool import IN_FLIGHT, Failure, Pool, Processes, ThisProcess, solve_shards, words_of_error
+from benchmarks.suite import Suite
 from optik.arm.library import load
 from optik.check import check_count, check_number
 from optik.errors import InvalidInput, OptikError, OutputError
@@ -146,9 +146,6 @@ DEATHS = 2
 REFERENCE_SECONDS = 1.0
 """Least time between two reference computations of a block [s]: they take 0.06 s."""
 
-WAIT_SECONDS = 600.0
-"""Longest wait for `compiled_aside` before timed work [s]; the main process compiles the remaining kernels."""
-
 
 def run_suite(
     suite: Suite,
@@ -199,9 +196,8 @@ def run_suite(
     recorded = manifest["plugins"]
     with closing(_pool(workers, executor, part_timeout, recorded)) as pool, begin_run(folder, manifest) as lock:
         run = _Run(suite, folder, lock, recorded, progress or (lambda done, total, what: None))
-        with compiled_aside(suite) if isinstance(pool, Processes) else nullcontext():
-            run.prepare()
-            run.do_shards(pool)
+        run.prepare()
+        run.do_shards(pool)
         pool.close()  # timed blocks share this machine with no worker
         run.do_alone()
         run.finish()
@@ -371,30 +367,3 @@ def run_block_apart(pool: Pool, session: Session) -> Failure | None:
         ends[label] += 1
         if ends[label] >= DEATHS:
             journal.blame(label, failure.why)
-
-
-@contextmanager
-def compiled_aside(suite: Suite) -> Iterator[None]:
-    """Run the first calls of all blocks that are timed alone in a second process, which ends with the context.
-
-    The main process samples problems meanwhile. The only result are compiled kernels in the cache on disk. If the second
-    process fails, the main process compiles them.
-    """
-    if suite.plugins or all(type(kind).warm is Kind.warm for kind in suite.kinds):
-        yield
-        return
-    aside = Child(target=_first_calls, args=(suite.name, dict(suite.settings)), daemon=True)
-    aside.start()
-    try:
-        yield
-        aside.join(WAIT_SECONDS)
-    finally:
-        aside.kill()
-        aside.join()
-
-
-def _first_calls(name: str, settings: dict[str, object]) -> None:
-    """Run the first calls."""
-    with suppress(Exception):  # the main process reports errors
-        for kind, block in suite_of(name, settings).pairs():
-            kind.warm(block)

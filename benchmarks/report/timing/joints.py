@@ -26,8 +26,7 @@ from benchmarks.report.boards import (
     log_axis,
     vary,
 )
-from benchmarks.report.tables import number
-from benchmarks.report.timing.line import arm_of, detailed, law_control, limits_of, solved_of
+from benchmarks.report.timing.line import arm_of, detailed, law_control, limits_of
 from benchmarks.report.timing.tables import example_boards
 from optik.arm.robot import Robot
 from optik.types import Array
@@ -48,9 +47,6 @@ OF_TORQUES = (
 )
 """Caption of the plots of torques."""
 
-FAR_BEYOND = 1.001
-"""Ratio to a limit from which a peak is named in words."""
-
 ENVELOPE = 15
 """Number of instants whose largest deviation is drawn: it is zero at the samples of the path and oscillates between them."""
 
@@ -66,33 +62,13 @@ JOINT_CURVES = {
 
 
 def motion(run: Run) -> dict[str, Any] | None:
-    """Return boards of joints, path and tool, and the figures that the plots clip."""
+    """Return boards of joints, path and tool."""
     found = detailed(run)
     rows, tool = (None, None) if found is None else (found.table("joints"), found.table("tool"))
     if rows is None or tool is None or found is None:
         return None
     boards = [_joint_board(found, rows, run), *example_boards(found, run), _tool_board(tool, run)]
-    return {"boards": boards, "notes": _beyond(found)}
-
-
-def _beyond(b: BlockRows) -> list[str]:
-    """Describe the values outside the plots, from the certificates."""
-    out = []
-    for row in solved_of(b):
-        words = [
-            f"the {field} of {row[f'{field}_joint']} reaches {number(row[field])} times its limit at "
-            f"t = {row[f'{field}_time']:.3f} s"
-            for field in ("acceleration", "jerk")
-            if row[field] is not None and FAR_BEYOND < row[field] < float("inf")
-        ]
-        if row["jerk"] is not None and np.isinf(row["jerk"]):
-            words.append(
-                "the acceleration is discontinuous, so the jerk is infinite there; the plot shows the finite jerk between. A "
-                f"controller at 1 kHz sees up to {number(row['sampled_jerk'])} rad/s³"
-            )
-        if words:
-            out.append(f"{row['method']}: " + "; ".join(words) + ".")
-    return out
+    return {"boards": boards}
 
 
 def _joint_board(b: BlockRows, rows: pl.DataFrame, run: Run) -> Board:

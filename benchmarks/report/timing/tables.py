@@ -330,17 +330,13 @@ def torques(b: BlockRows, run: Run) -> Board | None:
     groups = [EVERY, *b.block.arms] if len(b.block.arms) > 1 else [EVERY]
     for field in fields:
         words, ticks = field.replace("_", " "), RATIO_TICKS if field == "torque" else RATE_TICKS
-        beyond = {
-            "type": "line", "xref": "x", "yref": "paper", "x0": 1, "x1": 1, "y0": 0, "y1": 1,
-            "line": {"color": ALARM_COLOUR, "width": 1, "dash": "dash"},
-        }  # fmt: skip
         ratio = pl.col(field).clip(LEAST_RATIO, MOST_RATIO)
-        plots.append(fraction_plot(
+        plot = fraction_plot(
             f"timing-{field.replace('_', '-')}", f"Motions whose {words} stays within this multiple of its limit",
             ticked_axis(f"largest {words} / limit", ticks, range=_find_plot_range(b.rows[field])), "motions",
             PATHS_WITHIN + "times the limit", _samples(b, run, b.rows.filter("solved"), groups, ratio), 400,
-            shapes=[beyond],
-        ))  # fmt: skip
+        )  # fmt: skip
+        plots.append(plot.add_vline(1.0, line={"color": ALARM_COLOUR, "width": 1, "dash": "dash"}))
     return Board(
         f"{b.block.id}-torques", tuple(plots), (Control("group", "Arm", tuple((g, g) for g in groups)),) if groups[1:] else (),
         "Motions before time scaling: the worst joint of each, proved for every instant, for the arm's model. Right of the "
