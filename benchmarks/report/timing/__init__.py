@@ -50,8 +50,7 @@ def timing(run: Run) -> dict[str, Any] | None:
 
 
 def _block(b: BlockRows, run: Run) -> dict[str, Any]:
-    block, tables = b.block, law_tables(b)
-    alone = len(block.kinds)
+    block = b.block
     return {
         "id": block.id, "title": block.title, "samples": block.samples, "rounds": block.rounds,
         "solver": listed(map(short_name, block.solvers)),
@@ -59,7 +58,7 @@ def _block(b: BlockRows, run: Run) -> dict[str, Any]:
         "done": b.rows["line"].n_unique(), "count": sum(part.count for part in block.lines),
         "sets": [(part.arm, part.kind.replace("_", "-"), part.count) for part in block.lines],
         "boards": [board for board in (durations(b, run), torques(b, run)) if board is not None],
-        "tables": tables[:alone], "more": tables[alone:],
+        "tables": law_tables(b),
         "others": [table for table in (violations(b), plan_times(b), compared(b)) if table is not None],
         "example": example_boards(b, run),
     }  # fmt: skip

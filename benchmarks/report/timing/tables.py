@@ -65,24 +65,13 @@ def _words(field: str) -> str:
 
 
 def law_tables(b: BlockRows) -> list[Table]:
-    """Return a table for each kind of line on all arms, then for each arm."""
-    whole, parts = [], []
-    for kind in b.block.kinds:
-        rows = in_group(b.rows, kind)
-        robots = rows["robot"].unique(maintain_order=True).to_list()
-        if not robots:
-            continue
-        words = kind.replace("_", "-")
-        whole.append(laws_table(b, rows, f"{b.block.title}, {words}: {', '.join(robots)}", slug(kind)))
-        if len(robots) > 1:
-            parts += [
-                laws_table(
-                    b, rows.filter(pl.col("robot") == robot), f"{b.block.title}, {words}: {robot} alone",
-                    f"{slug(kind)}-{slug(robot)}",
-                )
-                for robot in robots
-            ]  # fmt: skip
-    return whole + parts
+    """Return a table for each kind of line, on all arms."""
+    groups = [(kind, rows) for kind in b.block.kinds if len(rows := in_group(b.rows, kind))]
+    arms = {kind: ", ".join(rows["robot"].unique(maintain_order=True)) for kind, rows in groups}
+    return [
+        laws_table(b, rows, f"{b.block.title}, {kind.replace('_', '-')}: {arms[kind]}", slug(kind))
+        for kind, rows in groups
+    ]
 
 
 def laws_table(b: BlockRows, rows: pl.DataFrame, title: str, name: str) -> Table:
