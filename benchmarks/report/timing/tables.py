@@ -200,8 +200,8 @@ def compared(b: BlockRows) -> Table:
     """Return the enforced limits of each law and peer, its version and its settings."""
     columns = (LAW_COLUMN, Column("promises", "enforces", show="text"), *VERSION_COLUMNS)
     rows = [
-        {"label": label, "promises": ", ".join(k.replace("_", " ") for k in about["enforced"]) or "nothing"}
-        | version_cells(about)
+        version_cells(about)
+        | {"label": label, "promises": ", ".join(k.replace("_", " ") for k in about["enforced"]) or "nothing"}
         for label, about in b.entries.items()
     ]
     title = f"{b.block.title}: versions and settings"
