@@ -231,10 +231,6 @@ class Kind:
         """Check what only a trial can show, before anything is written. The result is `Session.prepared`."""
         return None
 
-    def warm(self, block: Any) -> None:
-        """Make the first calls of a block, in another process, so that compiled kernels are in the cache before its run."""
-        return
-
     def share(self, session: Session) -> Any:
         """Return the data that all shards of a block that is timed alone use, after first calls that compile."""
         return None

@@ -15,21 +15,9 @@ from pydantic import AfterValidator
 from benchmarks.blocks.base import BlockRows, Kind, Session, Shard, chunks
 from benchmarks.blocks.block import Column, Entry, Target
 from benchmarks.blocks.contest import FIELDS, Contestant, Rounds, build_ours, callers_of, clock_cost, timed_part
-from benchmarks.blocks.entries import (
-    JUDGED_AT,
-    IKPeer,
-    Method,
-    ProblemBlock,
-    check_set,
-    level_name,
-    need_problems,
-    shared,
-    solved_at,
-    store_problems,
-)
+from benchmarks.blocks.entries import IKPeer, Method, ProblemBlock, check_set, need_problems, shared, store_problems
 from benchmarks.records import RunFolder
 from benchmarks.settings import LISTED, Count, Entries, check_different, key
-from benchmarks.statistics import shifted_geometric_mean
 from optik.arm.library import load
 
 CALL_PART = 2000
@@ -59,11 +47,6 @@ def ratio_where_solved(rows: pl.DataFrame, method: str, to: str) -> float:
     return median_ratio(rows.filter("solved"), method, to)
 
 
-def _solved_at(tolerance: float) -> Callable[[pl.DataFrame], float]:
-    """Return the percentage solved at a tolerance; failures and missing answers count among the problems."""
-    return lambda rows: 100.0 * int(rows.select(solved_at(tolerance).sum()).item()) / len(rows)
-
-
 def _us(statistic: Callable[[Any], Any]) -> Callable[[pl.DataFrame], float]:
     """Return a statistic of the times of calls [µs]."""
     return lambda rows: float(statistic(rows["ns"].to_numpy() / 1e3))
@@ -71,23 +54,10 @@ def _us(statistic: Callable[[Any], Any]) -> Callable[[pl.DataFrame], float]:
 
 MEASURES = (
     Column("success", "solved", "%", show="exact", of=lambda rows: 100.0 * int(rows["solved"].sum()) / len(rows)),
-    *(
-        Column(
-            f"success_{level_name(at)}",
-            f"solved within {level_name(at)} m and rad",
-            "%",
-            show="exact",
-            of=_solved_at(at),
-        )
-        for at in JUDGED_AT
-    ),
     Column("median_us", "median time of a call", "µs", of=_us(np.median)),
     Column("mean_us", "mean time of a call", "µs", of=_us(np.mean)),
     Column("p90_us", "90th percentile of a call", "µs", of=_us(lambda us: np.quantile(us, 0.90))),
     Column("p99_us", "99th percentile of a call", "µs", of=_us(lambda us: np.quantile(us, 0.99))),
-    Column(
-        "sgm_us", "shifted geometric mean time of a call", "µs", of=_us(lambda us: shifted_geometric_mean(us, SHIFT_US))
-    ),
     Column("max_us", "longest call", "µs", of=_us(np.max)),
     Column("median_ratio", "median time of all calls, as a ratio to", of=median_ratio, relative=True),
 )

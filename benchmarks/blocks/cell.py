@@ -13,7 +13,7 @@ import polars as pl
 from pydantic import AfterValidator, model_validator
 
 from benchmarks.blocks.base import NUMBER, TEXT, TRUTH, WHOLE, Field, Kind, Session, Shard, Trials, chunks, fields_of
-from benchmarks.blocks.block import Column, Entry, largest, mean, median, quantile, share
+from benchmarks.blocks.block import Column, Entry, largest, mean, quantile, share
 from benchmarks.blocks.contest import trial_seed
 from benchmarks.blocks.entries import BudgetedMethod, ProblemBlock, arm_with, store_problems
 from benchmarks.problems.base import ProblemSet
@@ -54,16 +54,11 @@ WITHIN = share((pl.max_horizontal(*(pl.col(f"error_{a}").abs() for a in AXES)) <
 
 MEASURES = (
     Column("within_2mm", "within 2 mm on each axis", "%", show="share", of=WITHIN),
-    Column("median_error_mm", "median position error", "mm", of=median("position_error", 1e3)),
     Column("p95_error_mm", "95th percentile of the position error", "mm", of=quantile("position_error", 0.95, 1e3)),
     Column("worst_servo_mm", "largest servo error at the end", "mm", of=largest("servo_error", 1e3)),
     Column("worst_split_m", "largest |total − sum of its parts|", "m", of=largest("split_rest")),
     Column("executed", "executed to the end", "%", of=mean(pl.col("status") == "executed", 100.0)),
-    Column("tracking_mm", "largest tracking error of the tool", "mm", of=largest("tracking_m", 1e3)),
-    Column("tracking_mrad", "largest tracking error of a joint", "mrad", of=largest("tracking_rad", 1e3)),
     Column("torque_ratio", "largest torque / certificate's bound", show="exact", of=largest("torque_ratio")),
-    Column("median_energy_j", "median energy", "J", of=median("energy")),
-    Column("median_duration_s", "median duration", "s", of=median("duration")),
 )  # fmt: skip
 """Measures that a target can name: of spots, and of every executed motion."""
 
@@ -194,26 +189,26 @@ EXECUTED_TO_END = "executed"
 
 def trial_facts(execution: Execution) -> dict[str, Any]:
     """Return the facts on an execution."""
-    found = failure(execution.drive, EXECUTED_TO_END if execution else str(execution.status), execution.reason)
+    facts = failure(execution.drive, EXECUTED_TO_END if execution else str(execution.status), execution.reason)
     if execution.motion is None or len(execution.t) < 2:
-        return found
+        return facts
     motion, names = execution.motion, execution.robot.joint_names
     planned = motion(np.minimum(execution.t, motion.end))
     off = np.abs(execution.q - planned)
     joint = int(off.max(axis=0).argmax())
     tools = execution.robot.fk(execution.q)[:, :3, 3] - execution.robot.fk(planned)[:, :3, 3]
-    found |= {
+    facts |= {
         "duration": float(execution.plan.trajectory.duration), "tracking_rad": float(off.max()),
         "tracking_joint": names[joint], "tracking_m": float(np.linalg.norm(tools, axis=1).max()), "late": execution.late,
     }  # fmt: skip
     if execution.torque is not None:
-        found["energy"] = float(np.trapezoid(np.maximum(execution.torque * execution.dq, 0.0).sum(axis=1), execution.t))
+        facts["energy"] = float(np.trapezoid(np.maximum(execution.torque * execution.dq, 0.0).sum(axis=1), execution.t))
         peak = np.abs(execution.torque).max(axis=0)
         bound = np.abs(np.asarray(execution.plan.certificate.torque.value, dtype=float))
         if np.isfinite(bound).all() and (bound > 0.0).all():
             worst = int(np.argmax(peak / bound))
-            found |= {"torque_ratio": float(peak[worst] / bound[worst]), "torque_joint": names[worst]}
-    return found
+            facts |= {"torque_ratio": float(peak[worst] / bound[worst]), "torque_joint": names[worst]}
+    return facts
 
 
 def failure(drive: str, status: str, reason: str) -> dict[str, Any]:
@@ -346,8 +341,8 @@ def plan_through(robot: Robot, line: Line, q: Array, solver: str, law: str) -> P
         return Plan(robot, line, limits, PlanStatus.TIMING_INFEASIBLE, solver, law, joints, failure, None, None)
     proof = Motion(robot, line, limits, trajectory, law, enforced, WIDE).certify()
     why = PlanFailure(PlanStatus.NOT_PROVED, 0.0, None, f"the certificate is not valid: {'; '.join(proof.reasons)}", "")
-    status, found = (PlanStatus.SOLVED, None) if proof.is_valid else (PlanStatus.NOT_PROVED, why)
-    return Plan(robot, line, limits, status, solver, law, joints, found, trajectory, proof)
+    status, refusal = (PlanStatus.SOLVED, None) if proof.is_valid else (PlanStatus.NOT_PROVED, why)
+    return Plan(robot, line, limits, status, solver, law, joints, refusal, trajectory, proof)
 
 
 SPOTS_PART = 4

@@ -142,12 +142,12 @@ def timed(
     collecting = gc.isenabled()
     gc.disable()
     try:
-        for i, given in enumerate(arguments):
+        for i, values in enumerate(arguments):
             if before is not None:
                 before(i)
             begin = clock()
             try:  # costs no time where nothing is raised
-                raw = call(*given)
+                raw = call(*values)
             except failures as error:
                 raw = error
             end = clock()
@@ -324,8 +324,8 @@ def timed_part(
     """Time some problems: in every round each contestant takes all of them in turn; their rows name the budget."""
     kept = kept or Rounds()
     mine = [np.intersect1d(here, problems.chosen(c.entry.most)) for c in callers]
-    given = [i for i in range(len(callers)) if len(mine[i])]
-    ready = [i for i in given if not callers[i].ended]
+    asked = [i for i in range(len(callers)) if len(mine[i])]
+    ready = [i for i in asked if not callers[i].ended]
     done: dict[int, list[pl.DataFrame]] = {i: [] for i in ready}
     for i in ready:
         with kept.journal.at_work(callers[i].label):
@@ -333,16 +333,16 @@ def timed_part(
     for turn, i in turns(ready, rounds):
 
         def work(turn: int = turn, i: int = i) -> pl.DataFrame:
-            found = one_round(callers[i], problems, mine[i], (seed, turn))
+            answers = one_round(callers[i], problems, mine[i], (seed, turn))
             # of later rounds only the times are kept: what calls returned would fill the memory
-            return _first_round_rows(robot, problems, mine[i], callers[i], found) if turn == 0 else found.times
+            return _first_round_rows(robot, problems, mine[i], callers[i], answers) if turn == 0 else answers.times
 
         done[i].append(kept.done(callers[i], i, turn, work))
     frames = [
         (_all_rounds_rows(done[i]) if i in done else _crashed_rows(mine[i], callers[i].ended)).with_columns(
             method=pl.lit(callers[i].label), method_index=pl.lit(i, pl.Int64), budget=pl.lit(budget, pl.Int64)
         )
-        for i in given
+        for i in asked
     ]
     stored = [name for name, field in FIELDS.items() if field.stored]
     return pl.concat(frame.select(stored) for frame in frames)

@@ -225,23 +225,22 @@ def solve(
     part: FreeSet, limits: MotionLimits, problem: tuple[Robot, Array, Path, Path]
 ) -> tuple[dict[str, Any], list[Plan], Plan]:
     """Return the row of one problem, the plans along the initial path (of a cycle from stop to stop), and the chosen plan."""
-    arm, q, given, path = problem
-    lines: list[Path] = [given]
-    if isinstance(given, PointToPoint):
-        lines = [JointLine(arm, a, b) for a, b in pairwise([q, *(via.q for via in given.vias), q])]
+    arm, q, initial, path = problem
+    lines: list[Path] = [initial]
+    if isinstance(initial, PointToPoint):
+        lines = [JointLine(arm, a, b) for a, b in pairwise([q, *(via.q for via in initial.vias), q])]
     before = [_timed(arm, line, line.q_start if isinstance(line, JointLine) else q, limits=limits) for line in lines]
-    (found, ms), plans = _timed(arm, path, q, limits=limits), [one for one, _ms in before]
+    (chosen, ms), plans = _timed(arm, path, q, limits=limits), [one for one, _ms in before]
     duration = sum(one.trajectory.duration for one in plans) if all(plans) else None
     row = {
-        "status": str(found.status), "ms": ms, "ms_fixed": sum(each for _one, each in before),
+        "status": str(chosen.status), "ms": ms, "ms_fixed": sum(each for _one, each in before),
         "stop_duration" if part.kind == "cycle" else "fixed_duration": duration, "certified": False,
     }  # fmt: skip
-    if found and found.freedom is not None:
-        own = found.freedom
-        row |= {"fixed_duration": own.fixed_duration, "gain": own.gain, "starts": own.starts, "steps": own.steps}
-        row |= {"gradient": own.gradient, "distance": own.distance, "outcome": own.outcome}
-        row |= {"duration": found.trajectory.duration, "certified": bool(found.certificate.is_valid)}
-    return row, plans, found
+    if chosen and chosen.freedom is not None:
+        told = ("fixed_duration", "gain", "starts", "steps", "gradient", "distance", "outcome")
+        row |= {name: getattr(chosen.freedom, name) for name in told}
+        row |= {"duration": chosen.trajectory.duration, "certified": bool(chosen.certificate.is_valid)}
+    return row, plans, chosen
 
 
 def solve_by_peer(
@@ -376,15 +375,15 @@ class _Freedom(Kind):
                 about = {"problem": problem, "kind": part.label, "robot": part.arm, "limits": limits.label}
                 if index == 0:
                     solve(part, within, drawn)  # compiles, and is not counted
-                row, plans, found = solve(part, within, drawn)
+                row, plans, chosen = solve(part, within, drawn)
                 yield row | about | {"method": CHOSEN}
                 for peer in block.peers:
                     why = journal.crashed.get(peer)
                     with journal.at_work(peer) if why is None else nullcontext():
                         by = solve_by_peer(peer, within, drawn, row) if why is None else self.lost(outcome=why)
                     yield by | about | {"method": peer}
-                if all(plans) and found.freedom is not None and found.freedom.gain > 0.0:
-                    self._store_example(folder, block, k, plans, found)
+                if all(plans) and chosen.freedom is not None and chosen.freedom.gain > 0.0:
+                    self._store_example(folder, block, k, plans, chosen)
 
     def _store_example(
         self, folder: RunFolder, block: FreedomBlock, number: int, plans: Sequence[Plan], found: Plan

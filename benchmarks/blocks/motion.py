@@ -221,20 +221,20 @@ def solve_by_all(
         if name != "rrt_connect" and label in journal.crashed:
             continue
         with suppress(MissingDependency, Absent), journal.at_work("" if name == "rrt_connect" else label):
-            found = find_polyline(robot, scene, ends, name)
-            row = {"found": bool(found), "search_ms": 1e3 * (time.process_time() - begin), "reason": found.reason}
+            route = find_polyline(robot, scene, ends, name)
+            row = {"found": bool(route), "search_ms": 1e3 * (time.process_time() - begin), "reason": route.reason}
             about = (
-                {"length": found.length, "edges": len(found.vertices) - 1} if found else {"status": str(found.status)}
+                {"length": route.length, "edges": len(route.vertices) - 1} if route else {"status": str(route.status)}
             )
-            searches[name] = found, row | about
-    found, row = searches["rrt_connect"]
+            searches[name] = route, row | about
+    route, row = searches["rrt_connect"]
     begin = time.process_time()
-    made = plan(robot, ends[1], ends[0], limits=limits, scene=scene, avoid=True, winding="exact")
-    ours = row | _judge(made, 1e3 * (time.process_time() - begin))
-    if found:
-        moves = [plan(robot, JointLine(robot, a, b), a, limits=limits) for a, b in pairwise(found.vertices)]
+    motion = plan(robot, ends[1], ends[0], limits=limits, scene=scene, avoid=True, winding="exact")
+    ours = row | _judge(motion, 1e3 * (time.process_time() - begin))
+    if route:
+        moves = [plan(robot, JointLine(robot, a, b), a, limits=limits) for a, b in pairwise(route.vertices)]
         ours["stops"] = sum(one.trajectory.duration for one in moves) if all(moves) else None
-    yield OURS, ours | {"rounds": None if made.search is None else made.search.rounds}
+    yield OURS, ours | {"rounds": None if motion.search is None else motion.search.rounds}
     for label in block.peers:
         if why := next(
             (journal.crashed[one] for one in block.peers if one in journal.crashed and _shares(one, label)), ""
@@ -248,10 +248,10 @@ def solve_by_all(
         search, law = ROUNDED[label]
         if search not in searches:
             continue
-        found, row = searches[search]
+        route, row = searches[search]
         begin = time.process_time()
-        if found:
-            timed = time_rounded(robot, limits, scene, ends, found, law)
+        if route:
+            timed = time_rounded(robot, limits, scene, ends, route, law)
             row = row | _judge(timed, row["search_ms"] + 1e3 * (time.process_time() - begin))
         yield label, {"solved": False} | row
 

@@ -130,7 +130,7 @@ class NewCommand(RobotCommand):
         if not is_path(self.robot):
             return self.robot
         relative = Path(os.path.relpath(Path(path).resolve(), self.file.resolve().parent)).as_posix()
-        given = dict(part.partition("=")[::2] for part in links.split("&") if part)
+        fragment = dict(part.partition("=")[::2] for part in links.split("&") if part)
         typed = {
             "tip": self.tip,
             "base": self.base,
@@ -140,8 +140,8 @@ class NewCommand(RobotCommand):
             "packages": self.package_dir and str(Path(self.package_dir).resolve()),
             "srdf": self.srdf and str(Path(self.srdf).resolve()),
         }
-        given |= {key: value for key, value in typed.items() if value}
-        options = "&".join(f"{key}={value}" for key, value in given.items())
+        fragment |= {key: value for key, value in typed.items() if value}
+        options = "&".join(f"{key}={value}" for key, value in fragment.items())
         return (relative if relative.startswith("..") else f"./{relative}") + (f"#{options}" if options else "")
 
 

@@ -91,7 +91,7 @@ class CertifyCommand(LimitsCommand, SceneCommand, TableCommand):
         """Read, certify, and print or write."""
         import planners
 
-        arm, own = self._load_arm()
+        arm, program_path = self._load_arm()
         if self.html is not None:  # before a motion takes its time
             from optik.view.page import PAGE_SUFFIXES
 
@@ -103,7 +103,7 @@ class CertifyCommand(LimitsCommand, SceneCommand, TableCommand):
             raise InvalidInput(
                 "--limits", f"none, and {arm.name} has none of its own", "at least one limit", advice=advice
             )
-        path, tolerance = (own, None) if reference is None else reference
+        path, tolerance = (program_path, None) if reference is None else reference
         proof = planners.certify(arm, path, trajectory, limits, scene=scene, tolerance=tolerance)
         if self.html is not None:
             self._write_page(arm, trajectory, proof, limits, scene)
@@ -111,7 +111,7 @@ class CertifyCommand(LimitsCommand, SceneCommand, TableCommand):
             print_json(proof.to_dict() | {"notes": list(trajectory.notes), **self._describe_inputs(arm)})
         else:
             _print_verdict(proof, trajectory)
-            _print(arm, proof, reference, self.file.name, own)
+            _print(arm, proof, reference, self.file.name, program_path)
             if self.html is not None:
                 out_console.print(f"written to {self.html}")
         raise typer.Exit(0 if proof.is_valid else 1)
@@ -120,10 +120,10 @@ class CertifyCommand(LimitsCommand, SceneCommand, TableCommand):
         """Return the typed arm; for a saved motion, its own arm, and its path if it is a program's with changing payloads."""
         from planners.files.setpoints import read_saved
 
-        found, warning = read_saved(self.file), ""
-        if found is None:
+        recorded, warning = read_saved(self.file), ""
+        if recorded is None:
             return self.load(), None
-        saved, is_exact = found
+        saved, is_exact = recorded
         arm = self.load() if self.robot != RobotCommand.robot else saved.robot
         robots = dict.fromkeys(getattr(saved.path, "robots", ()))
         if not _is_same(arm, saved.robot):

@@ -81,22 +81,22 @@ def read_limit(name: str, text: str) -> Any:
     pairs = [word.partition(":") for word in text.split(",")]
     if len(pairs) == 1 and not pairs[0][1]:
         pairs = [(next(iter(units)), ":", text)]
-    found: dict[str, Any] = {}
+    values: dict[str, Any] = {}
     for key, colon, value in pairs:
-        if not colon or key not in units or key in found:
+        if not colon or key not in units or key in values:
             raise InvalidInput(
                 where, repr(text), f"{', '.join(f'{key}:…' for key in units)}, each at most once, or none"
             )
         words = value.split("/")
         if value.removeprefix("-") in ("x", "y", "z"):
-            found[key] = value
+            values[key] = value
         else:
             numbers = [
                 read_number_list(_in_units(word, units[key], where), where, 1, what="number", infinite=True)[0]
                 for word in words
             ]
-            found[key] = numbers if len(numbers) > 1 else numbers[0]
-    return kind.check(found)
+            values[key] = numbers if len(numbers) > 1 else numbers[0]
+    return kind.check(values)
 
 
 def _in_units(text: str, unit: str, where: str) -> str:
@@ -124,14 +124,14 @@ def read_freedoms(arm: optik.Robot, texts: list[str]) -> dict[str, Any]:
     """Read NAME[=RANGE] of freedoms, in degrees or mm; return their bounds [rad, m], or True for none."""
     from planners.freedom import freedom_of
 
-    found: dict[str, Any] = {}
+    freedoms: dict[str, Any] = {}
     for text in ",".join(texts).split(",") if texts else ():
         name, equals, value = (word.strip() for word in text.partition("="))
         kind = freedom_of(name)
         factor, unit, most = (np.pi / 180.0, "degrees", ", at most 180") if kind.unit == "rad" else (1e-3, "mm", "")
         form = f"RADIUS above 0{most}" if kind.round else f"90 or {name}=-90:45"
         typed = f"{name}, {name}={form} [{unit}]"
-        if name in found:
+        if name in freedoms:
             raise InvalidInput("--free", f"{name} twice", "each freedom once")
         if not kind.screws and arm.n <= 6:
             raise InvalidInput(
@@ -139,12 +139,12 @@ def read_freedoms(arm: optik.Robot, texts: list[str]) -> dict[str, Any]:
             )
         try:
             bounds = tuple(float(word) * factor for word in value.split(":") if equals)
-            found[name] = True if not equals else bounds[0] if len(bounds) == 1 else bounds
-            kind.check(found[name])
+            freedoms[name] = True if not equals else bounds[0] if len(bounds) == 1 else bounds
+            kind.check(freedoms[name])
         except (ValueError, InvalidInput):
             order = "" if kind.round else ", the lower bound first" + ("" if kind.screws else f", {name}=0 inside")
             raise InvalidInput("--free", repr(text), f"{typed}{order}") from None
-    return found
+    return freedoms
 
 
 def format_numbers(values: Any) -> str:

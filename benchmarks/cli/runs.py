@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from urllib.parse import urlsplit
 
 import typer
 from rich.table import Table
@@ -67,7 +66,6 @@ class RunCommand(JsonCommand):
     suite: str = argument("SUITE", "A name from `optik bench list`, or a TOML file.", "benchmarks.suites")
     out: Path = option("Options", "Folder of the run: new, empty, or with an interrupted run of the same suite.", ...)
     workers: int = option("Options", WORKERS_HELP, 1)
-    dask: str = option("Options", "Run on the Dask cluster of this scheduler: tls://HOST:PORT.", "", metavar="ADDRESS")
     part_timeout: float | None = option(
         "Options", "Time limit of a part in a worker process. [default: 1800 with --workers]", metavar="SECONDS"
     )
@@ -99,11 +97,9 @@ class RunCommand(JsonCommand):
             from benchmarks.suite import load_suite
 
             suite = load_suite(self.suite, allow_plugins=self.allow_plugins)
-            if self.dask:
-                warn_of_cluster(self.dask)
             with _show_progress(self.out) as tell:
                 folder = run_suite(
-                    suite, self.out, workers=self.workers, command=self._describe(), dask=self.dask,
+                    suite, self.out, workers=self.workers, command=self._describe(),
                     part_timeout=self.part_timeout, progress=tell,
                 )  # fmt: skip
         except KeyboardInterrupt:
@@ -122,7 +118,6 @@ class RunCommand(JsonCommand):
         """Return the command that repeats the run."""
         words = ["optik bench run", shlex.quote(self.suite), "--out RUN"]
         words += [f"--workers {self.workers}"] if self.workers != 1 else []
-        words += [f"--dask {shlex.quote(self.dask)}"] if self.dask else []
         words += [f"--part-timeout {self.part_timeout:g}"] if self.part_timeout is not None else []
         return " ".join(words + (["--allow-plugins"] if self.allow_plugins else []))
 
@@ -151,18 +146,6 @@ class DemoCommand(JsonCommand):
             table.add_row(f.key, f.claim, f.verdict)
         out_console.print(table)
         out_console.print(f"report: {page}", soft_wrap=True)
-
-
-def warn_of_cluster(address: str) -> None:
-    """Warn if the connection to a scheduler is not encrypted; an address without a port is refused later."""
-    from benchmarks.run.pool import warn_of_plain_text
-
-    try:
-        port = urlsplit(address if "://" in address else f"tcp://{address}").port
-    except ValueError:
-        return
-    if port is not None and (words := warn_of_plain_text(address)):
-        err_console.print(f"warning: {words}", style="yellow", soft_wrap=True)
 
 
 # ---------------------------------------------------------------- progress
@@ -327,19 +310,19 @@ class CompareCommand(JsonCommand):
         from benchmarks.report.base import Run
         from benchmarks.report.compare import as_data, compare_runs
 
-        found = compare_runs(Run(RunFolder(self.first)), Run(RunFolder(self.second)))
-        worse = len(found.worse_than(self.threshold))
+        comparison = compare_runs(Run(RunFolder(self.first)), Run(RunFolder(self.second)))
+        worse = len(comparison.worse_than(self.threshold))
         if self.as_json:
             print_json(
                 {
                     "a": str(self.first), "b": str(self.second), "threshold": self.threshold, "worse_past_threshold": worse,
-                    "differences": [as_data(d) for d in found.differences], "left_out": list(found.left_out),
-                    "settings": [one._asdict() for one in found.settings],
+                    "differences": [as_data(d) for d in comparison.differences], "left_out": list(comparison.left_out),
+                    "settings": [one._asdict() for one in comparison.settings],
                 }
             )  # fmt: skip
         else:
-            self._print(found)
-            verdicts = [d.verdict for d in found.differences]
+            self._print(comparison)
+            verdicts = [d.verdict for d in comparison.differences]
             counts = ", ".join(
                 f"{verdicts.count(word)} {word}" for word in ("better", "worse", "the machine", "within noise")
             )

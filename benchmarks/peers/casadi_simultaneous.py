@@ -93,8 +93,8 @@ def ties(choice: Choice) -> Any:
     q, f, pose = ca.SX.sym("q", robot.n, ORDERS), ca.SX.sym("f", D, ORDERS), ca.SX.sym("pose", 12, ORDERS)
     if tool is None:
         return ca.Function("ties", [q, f, pose], [ca.vec(q - f)])
-    moved, coordinates, given = series(q, sigma), series(f, sigma), series(pose, sigma)
-    T = ca.vertcat(ca.reshape(given, 3, 4), np.array([[0.0, 0.0, 0.0, 1.0]]))
+    moved, coordinates, frames = series(q, sigma), series(f, sigma), series(pose, sigma)
+    T = ca.vertcat(ca.reshape(frames, 3, 4), np.array([[0.0, 0.0, 0.0, 1.0]]))
     for d, screw in enumerate(tool.screws):
         T = T @ exponential(screw, coordinates[d])
     at = symbolic_pose(robot, moved)
@@ -195,21 +195,21 @@ def solve_jointly(
     z0 = z0 * np.array([length / time, length / time**2, time, length / time**3])
     z0[K, 2:] = 0.0
     z, p, q = ca.MX.sym("z", 4, K + 1), ca.MX.sym("p", D, C), ca.MX.sym("q", n * ORDERS, K + 1)
-    found = Constraints()
-    found.add(symbolic_path_error(choice, p, q), 0.0, 0.0)
-    add_timing(choice, found, z, q)
+    constraints = Constraints()
+    constraints.add(symbolic_path_error(choice, p, q), 0.0, 0.0)
+    add_timing(choice, constraints, z, q)
     for column, radius in choice.bounds.discs:
-        found.add((p[column, :] ** 2 + p[column + 1, :] ** 2) / radius**2, -1.0, 1.0)
+        constraints.add((p[column, :] ** 2 + p[column + 1, :] ** 2) / radius**2, -1.0, 1.0)
     least, most = ranges(choice, z0)
     unknowns = ca.vertcat(ca.vec(z), ca.vec(p), ca.vec(q))
     near = {} if start is None else {"mu_init": 1e-7, "bound_push": 1e-9, "bound_frac": 1e-9, "slack_bound_push": 1e-9}
     f = ca.sum2(z[2, :K]) / time
-    solver = ca.nlpsol("together", "ipopt", {"x": unknowns, "f": f, "g": ca.vertcat(*found.g)}, {
+    solver = ca.nlpsol("together", "ipopt", {"x": unknowns, "f": f, "g": ca.vertcat(*constraints.g)}, {
         "print_time": False, "ipopt": {"print_level": 0, "sb": "yes", "tol": 1e-8, "max_iter": iterations, **near},
     })  # fmt: skip
     answer = solver(
         x0=np.concatenate([z0.ravel(), p0.ravel(), q0.transpose(1, 0, 2).ravel()]), lbx=least, ubx=most,
-        lbg=np.concatenate(found.low), ubg=np.concatenate(found.high),
+        lbg=np.concatenate(constraints.low), ubg=np.concatenate(constraints.high),
     )  # fmt: skip
     x, stats = np.asarray(answer["x"]).ravel(), solver.stats()
     law, coefficients, joints = np.split(x, [4 * (K + 1), 4 * (K + 1) + C * D])

@@ -26,19 +26,19 @@ END_POINTS = 3
 
 def solve_by_drake(robot: Robot, path: Path, limits: MotionLimits) -> tuple[Trajectory, float]:
     """Return Drake's motion, from the straight joint line with the duration of ours as initial guess, and its time [ms]."""
-    given = [name for name in limits.names if limits.value(name) is not None]
-    if not set(given) <= set(TAKEN) or "velocity" not in given:
-        raise NoSolution(f"it takes limits of velocity, acceleration, jerk and torque; got {', '.join(given)}")
+    limited = [name for name in limits.names if limits.value(name) is not None]
+    if not set(limited) <= set(TAKEN) or "velocity" not in limited:
+        raise NoSolution(f"it takes limits of velocity, acceleration, jerk and torque; got {', '.join(limited)}")
     if not isinstance(path, PointToPoint) or path.vias:
         raise NoSolution("it takes only moves between two configurations")
     ends = path.coefficients[[0, -1]]
     line = plan(robot, JointLine(robot, *ends), limits=limits)
     model = {
         "limits": {"position": _pair([robot.limits.lower, robot.limits.upper])}
-        | {name: _pair(limits.bounds(robot.n)[name]) for name in given},
+        | {name: _pair(limits.bounds(robot.n)[name]) for name in limited},
         "joints": list(robot.joint_names), "gravity": (robot.gravity_magnitude * robot.gravity).tolist(),
     }  # fmt: skip
-    if "torque" in given:
+    if "torque" in limited:
         model["urdf"] = robot.to_urdf()
     duration = line.trajectory.duration if line else 1.0
     answer = DRAKE.start("drake_moves", model, keep=True).ask(ends.tolist(), duration)

@@ -25,16 +25,16 @@ def move_by_pyroboplan(
     if limits.velocity is None or limits.acceleration is None or robot.shapes is None:
         raise NoSolution("it takes limits of velocity and acceleration, and an arm with shapes")
     solids, (link, a, b, radius) = list_solids(scene), robot.shapes.capsules
-    own = [make_solid("Capsule", *one) for one in zip(a, b, radius, strict=True)]
+    capsules = [make_solid("Capsule", *one) for one in zip(a, b, radius, strict=True)]
     low, high, bounds = robot.limits.lower.tolist(), robot.limits.upper.tolist(), limits.arrays(robot.n)
     model = {
         "joints": list(zip(robot.fixed.tolist(), robot.prismatic.tolist(), robot.joint_names, low, high, strict=True)),
-        "shapes": [(at, kind, sizes, T.tolist()) for at, (kind, sizes, T) in zip(link.tolist(), own, strict=True)],
+        "shapes": [(at, kind, sizes, T.tolist()) for at, (kind, sizes, T) in zip(link.tolist(), capsules, strict=True)],
         "pairs": robot.shapes.pairs.tolist(), "limits": [bounds[name].tolist() for name in ("velocity", "acceleration")],
     }  # fmt: skip
     checked = np.argwhere(scene.pair_mask(robot) & (link > 0)[:, None])
     objects = [(0, kind, sizes, T.tolist()) for kind, sizes, T in solids]
-    problem = {"objects": objects, "pairs": np.add(checked, (0, len(own))).tolist()}
+    problem = {"objects": objects, "pairs": np.add(checked, (0, len(capsules))).tolist()}
     answer = DRAKE.start("pyroboplan", model, keep=True).ask(problem, [q.tolist() for q in ends])
     if not answer.raw["path"]:
         raise NoSolution("it found no path")

@@ -134,26 +134,26 @@ class Worker:
 
     def solve(self, problems: Sequence[tuple[Any, ...]], do: str = "call") -> list[Answer]:
         """Solve problems; after a crash, repeat that problem and solve the others in a new process."""
-        found: list[Answer] = []
+        answers: list[Answer] = []
         tried_again, crashes = False, 0
-        while len(found) < len(problems):
+        while len(answers) < len(problems):
             begin = time.perf_counter_ns()
-            self._ask({"do": do, "problems": problems[len(found) :]})
-            while len(found) < len(problems) and (reply := self._next(LONGEST_CALL)) is not None:
+            self._ask({"do": do, "problems": problems[len(answers) :]})
+            while len(answers) < len(problems) and (reply := self._next(LONGEST_CALL)) is not None:
                 raw = Failed("raised", reply["error"]) if "error" in reply else reply["answer"]
-                found.append(Answer(raw, reply["ns"], reply["cpu_ns"]))
+                answers.append(Answer(raw, reply["ns"], reply["cpu_ns"]))
                 tried_again, crashes, begin = False, 0, time.perf_counter_ns()
-            if len(found) == len(problems):
+            if len(answers) == len(problems):
                 break
             took, how = time.perf_counter_ns() - begin, self._ended()
             if tried_again:
-                found.append(Answer(Failed("crashed", how), took, None))
+                answers.append(Answer(Failed("crashed", how), took, None))
                 crashes += 1
             tried_again = not tried_again
             if crashes == MOST_WORKER_CRASHES or not self._restarted():
                 lost = Answer(Failed("crashed", f"not called after repeated crashes: {how}"), took, None)
-                found += [lost] * (len(problems) - len(found))
-        return found
+                answers += [lost] * (len(problems) - len(answers))
+        return answers
 
     def _ended(self) -> str:
         """End the process, and describe how it ended."""

@@ -326,8 +326,8 @@ def by_one_joint(robot: Robot, rng: np.random.Generator, q: Array, joint: int) -
         low, high = np.where(same, middle, low), np.where(same, high, middle)
     moved = q.copy()
     moved[:, joint] = 0.5 * (low + high)
-    found: Array = moved[changes.any(axis=1)]
-    return found
+    changed: Array = moved[changes.any(axis=1)]
+    return changed
 
 
 def by_all_joints(robot: Robot, q: Array) -> Array:

@@ -88,10 +88,10 @@ def read_problem(
     ends = np.array([*_read_ends(parse_yaml(texts["request"], "request"), robot)])
     start, goal = inside = _move_onto_limits(robot, ends)
     moved = bool((inside != ends).any())
-    given = scene_from_moveit(texts["scene"])
+    entries = scene_from_moveit(texts["scene"])
     if not grasping:
-        return MotionProblem(Scene(**given), start, goal, moved)
-    scene = Scene(**given | {"allow": ()})  # the file's links are those of another model
+        return MotionProblem(Scene(**entries), start, goal, moved)
+    scene = Scene(**entries | {"allow": ()})  # the file's links are those of another model
     while (near := find_contact(robot, scene, goal)).pair[0] in grasping and near.room <= 0.0:
         if near.pair[1] not in scene.names:
             break

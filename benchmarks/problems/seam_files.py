@@ -117,22 +117,22 @@ def read_seam(file: Path) -> PublishedSeam:
         poses = _read_poses(file, TRACE_HEADERS, scalar_first=False)
         poses[:, :3, :3] = poses[:, :3, :3] @ MODELS[name].flange
         return PublishedSeam(file.stem, name, poses, Scene())
-    given = _read_problem(file)
-    name, frame = _check_model(given["robot"], f"{file}: robot"), given["path_offset_frame"]
+    document = _read_problem(file)
+    name, frame = _check_model(document["robot"], f"{file}: robot"), document["path_offset_frame"]
     if frame not in (WORLD, LIFT):
         raise InvalidInput(f"{file}: path_offset_frame", repr(frame)[:60], f"{WORLD} or {LIFT}")
     at, (_, _, base, flange) = np.eye(4), MODELS[name]
     where = f"{file}: path_R_offset"
-    at[:3, :3] = [read_vector(row, where) for row in read_list(given["path_R_offset"], where, "three rows", 3)]
-    at[:3, 3] = read_vector(given["path_xyz_offset"], f"{file}: path_xyz_offset")
+    at[:3, :3] = [read_vector(row, where) for row in read_list(document["path_R_offset"], where, "three rows", 3)]
+    at[:3, 3] = read_vector(document["path_xyz_offset"], f"{file}: path_xyz_offset")
     at, poses = check_pose(at, where), _read_poses(_path_of(file), PATH_HEADERS, scalar_first=True)
     poses[:, :3, :3] = poses[:, :3, :3] @ at[:3, :3] @ flange
     poses[:, :3, 3] += at[:3, 3] - base
     if frame == LIFT:
         poses[:, :3, 3] += TORSO
-    shift = read_vector(given.get("obstacle_xyz_offset", [0.0, 0.0, 0.0]), f"{file}: obstacle_xyz_offset")
+    shift = read_vector(document.get("obstacle_xyz_offset", [0.0, 0.0, 0.0]), f"{file}: obstacle_xyz_offset")
     where = f"{file}: obstacles"
-    boxes = [_read_box(box, where) for box in read_list(given.get("obstacles", []), where, "a list of boxes")]
+    boxes = [_read_box(box, where) for box in read_list(document.get("obstacles", []), where, "a list of boxes")]
     for T, _ in boxes:
         T[:3, 3] += shift
         T[:3, 3] -= base

@@ -115,7 +115,7 @@ def _kinds(robot: Robot, which: Sequence[str] | None) -> tuple[str, ...]:
 
 def _shell(robot: Robot, seed: int, count: int, kind: str, shell: tuple[float, float]) -> Array:
     """Return configurations (count, n) near one kind of singularity, in one shell."""
-    found: list[Array] = []
+    samples: list[Array] = []
     for chunk in range(count + IDLE_CHUNKS):
         rng = random_stream(seed, "singular_shells", kind, repr(shell), str(chunk))
         singular = _singular(robot, rng, kind)
@@ -128,9 +128,9 @@ def _shell(robot: Robot, seed: int, count: int, kind: str, shell: tuple[float, f
         wanted = np.exp(rng.uniform(np.log(shell[0]), np.log(shell[1]), len(singular)))
         q = _moved(robot, singular, away, wanted)
         sigma = robot.singular_values(q)[:, -1]
-        found.append(q[robot.limits.contains(q) & (sigma >= shell[0]) & (sigma < shell[1])])
-        if sum(map(len, found)) >= count:
-            return np.ascontiguousarray(np.concatenate(found)[:count])
+        samples.append(q[robot.limits.contains(q) & (sigma >= shell[0]) & (sigma < shell[1])])
+        if sum(map(len, samples)) >= count:
+            return np.ascontiguousarray(np.concatenate(samples)[:count])
     low, high = shell
     raise InvalidInput(
         "which", f"{kind} with {low:g} ≤ σ < {high:g} on {robot.name}", 'a singularity of this arm, or "any"'

@@ -10,7 +10,7 @@ import polars as pl
 
 from benchmarks.blocks.base import BlockRows
 from benchmarks.blocks.block import Of, count, largest, median
-from benchmarks.blocks.cell import AXES, WITHIN, WITHIN_M, Noise
+from benchmarks.blocks.cell import WITHIN, WITHIN_M, Noise
 from benchmarks.experiments.claims import executed_claims
 from benchmarks.records import slug
 from benchmarks.report.base import QUESTION, KindReport, Run, Section
@@ -264,15 +264,19 @@ def draw_error_parts(run: Run) -> dict[str, Any] | None:
         return None
     words = [
         f"{b.block.title}: {b.rows['problem'].n_unique()} spots, each shown {_times(b.block.repeats)}, executed on the drive "
-        f"{drives_of(b)}. What varies from trial to trial: {noise_words(b.block.noise) or 'nothing'}. With a budget of "
-        "iterations the arm moves in joint space to the method's best iterate. A whole line uses the planning pipeline from "
-        "laser to execution."
+        f"{drives_of(b)}, set-points every {1e3 * b.block.period:g} ms{_load_words(b)}. What varies from trial to trial: "
+        f"{noise_words(b.block.noise) or 'nothing'}. With a budget of iterations the arm moves in joint space to the method's "
+        "best iterate. A whole line uses the planning pipeline from laser to execution."
         for b in blocks
     ]
     worst = max(float(np.nanmax(b.rows["split_rest"].to_numpy())) for b in blocks)
     words += [lost for b in blocks if (lost := _not_executed(b))]
     words.append(f"In every trial the four vectors add up to the total error within {worst:.1e} m.")
     return {"words": words, "boards": [_split_board(b) for b in blocks], "tables": [spots_table(b) for b in blocks]}
+
+
+def _load_words(b: BlockRows) -> str:
+    return "" if b.block.payload is None else f", {b.block.payload:g} kg in the tool"
 
 
 def _not_executed(b: BlockRows) -> str:
@@ -361,49 +365,16 @@ NEAR_MM = 6.0
 
 
 def axes(run: Run) -> dict[str, Any] | None:
-    """Show Fig. 10 to 13 of every block of spots."""
+    """Show Fig. 11 to 13 of every block of spots."""
     blocks = [b for b in run.of("cell") if not done(b).is_empty() and settings_of([b], whole=False)]
     if not blocks:
         return None
     words = [
-        "The paper plots the positions of laser point and robot end (Fig. 10), and their difference on X, Y and Z for several "
-        "numbers of iterations over the workspace (Fig. 11 to 13). It prints no values. These plots have the same axes and the "
-        "values of this simulation: executed tool − spot, in the base frame."
+        "The paper plots the difference of laser point and robot end on X, Y and Z for several numbers of iterations over the "
+        "workspace (Fig. 11 to 13). It prints no values. These plots have the same axes and the values of this simulation: "
+        "executed tool − spot, in the base frame."
     ]
-    return {"words": words, "boards": [board for b in blocks for board in (_positions(b), _errors(b))], "tables": ()}
-
-
-def _positions(b: BlockRows) -> Board:
-    """Plot spots and executed tools, seen along each base axis."""
-    rows, name, labels = done(b), slug(b.block.id), settings_of([b], whole=False)
-    plots = []
-    for normal in AXES:
-        u, v = (a for a in AXES if a != normal)
-        plot = figure(
-            f"cell-positions-{normal}-{name}", f"Seen along {normal.upper()}",
-            axis(f"{u.upper()} [mm]", constrain="domain"), axis(f"{v.upper()} [mm]", scaleanchor="x", constrain="domain"),
-            0,
-        )  # fmt: skip
-        spots = rows.unique("problem").sort("problem")
-        add(plot, line(
-            millimetres(spots[u]), millimetres(spots[v]), mode="markers",
-            marker={"symbol": "circle-open", "size": 8, "color": colour(1)}, name="laser spot",
-            hover="spot at %{x}, %{y} mm",
-        ))  # fmt: skip
-        for (setting, after), part in rows.filter(pl.col("budget").is_not_null()).group_by(
-            "setting", "after", maintain_order=True
-        ):
-            tools = line(
-                millimetres(part[u] + part[f"error_{u}"]), millimetres(part[v] + part[f"error_{v}"]), mode="markers",
-                marker={"size": 4, "color": INK_COLOUR}, name="executed tool",
-                hover="executed tool at %{x}, %{y} mm",
-            )  # fmt: skip
-            add(plot, tools, {"method": [str(setting)], "after": [str(after)]})
-        plots.append(plot)
-    return Board(
-        f"cell-positions-{name}", tuple(plots), (Control.of("method", "Method", labels), after_control(b)),
-        "Fig. 10 as executed: laser spots with a known solution and the final positions of the tool, in the base frame.",
-    )  # fmt: skip
+    return {"words": words, "boards": [_errors(b) for b in blocks], "tables": ()}
 
 
 def _errors(b: BlockRows) -> Board:
@@ -452,16 +423,8 @@ def findings(run: Run) -> Sequence[str]:
 
 
 def limitations(run: Run) -> Sequence[str]:
-    """Describe the simulation and its random quantities."""
-    found = ["Every execution is simulated; nothing was measured on a real arm."]
-    for b in run.of("cell"):
-        varies = noise_words(b.block.noise)
-        load = "" if b.block.payload is None else f" {b.block.payload:g} kg in the tool."
-        found.append(
-            f"{b.block.title}: executed on the drive {drives_of(b)}, set-points every {1e3 * b.block.period:g} ms.{load} "
-            f"What varies: {varies or 'nothing'}."
-        )
-    return found
+    """Say that nothing is measured; the section on the sources of the error describes the simulation."""
+    return ["Every execution is simulated; nothing was measured on a real arm."]
 
 
 REPORT = KindReport(
@@ -469,7 +432,7 @@ REPORT = KindReport(
         Section("The paper's claims, as executed", "cell-claims", claims, QUESTION.with_name("claims.html.j2"), 61),
         Section("The task in space", "cell-space", space, order=62),
         Section("Sources of the error", "cell-split", draw_error_parts, order=63),
-        Section("Spot and tool, as executed (Fig. 10 to 13)", "cell-axes", axes, order=64),
+        Section("Errors on each axis, as executed (Fig. 11 to 13)", "cell-axes", axes, order=64),
     ),
     lambda blocks: ("executed motions of the laser cell",),
     tables=tables,

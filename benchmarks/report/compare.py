@@ -162,9 +162,9 @@ def _of_block(
         for name, field in kind.compared.items():
             mine, other_rows = (frame.filter(pl.col("method") == label) for frame in (x, y))
             if name in mine.columns and name in other_rows.columns:
-                found = _difference(name, field, mine, other_rows, machines)
-                if found is not None:
-                    yield replace(found[0], block=block.id, label=str(label)), field, found[1]
+                difference = _difference(name, field, mine, other_rows, machines)
+                if difference is not None:
+                    yield replace(difference[0], block=block.id, label=str(label)), field, difference[1]
 
 
 def different_problems(a: Run, kind: Kind, block: Block, b: Run, other: Block) -> str | None:

@@ -169,11 +169,11 @@ def _coordinates(examples: Sequence[Example]) -> Board:
                 s / s[-1], one["value"], name=str(coordinate), line={"color": colour(i), "width": 2},
                 hover=f"{coordinate}<br>%{{x:.3g}} of the path: %{{y:.4g}} {unit}",
             ), when)  # fmt: skip
-        own = bool(rows["unit"][0])  # a coordinate with a unit; joints are shown as fractions of their ranges
-        title = f"{rows['coordinate'][0]} [{rows['unit'][0]}]" if own else "fraction of the joint's range"
+        has_unit = bool(rows["unit"][0])  # a coordinate with a unit; joints are shown as fractions of their ranges
+        title = f"{rows['coordinate'][0]} [{rows['unit'][0]}]" if has_unit else "fraction of the joint's range"
         vary(plot, when, {"yaxis": {"title": {"text": title}}})
         for words, dash, stroke in (("reached", "dot", MUTED_COLOUR), ("allowed", "dash", ALARM_COLOUR)):
-            keys = ("least", "most") if words == "allowed" else ("reached_least", "reached_most") if own else ()
+            keys = ("least", "most") if words == "allowed" else ("reached_least", "reached_most") if has_unit else ()
             ends = {float(end) for key in keys for end in rows[key].unique() if np.isfinite(end)}
             for end in sorted(ends):
                 look = {"color": stroke, "width": 1, "dash": dash}

@@ -8,11 +8,13 @@ import math
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import polars as pl
 
 from benchmarks.blocks.block import Cell as Cell
 from benchmarks.blocks.block import Column as Column
+from benchmarks.blocks.contest import version_words
 from benchmarks.records import slug
 from benchmarks.report.boards import noise_floor
 
@@ -124,6 +126,15 @@ def table_of(id: str, title: str, columns: Iterable[Column], groups: Iterable[Gr
     computed = [(column.key, column.of) for column in columns if column.of is not None]
     rows = [{**given, **({} if rows is None else {key: of(rows) for key, of in computed})} for given, rows in groups]
     return Table(id, title, columns, tuple(rows), note)
+
+
+VERSION_COLUMNS = tuple(Column(key, key, show="text") for key in ("version", "settings"))
+"""Columns of a table of versions and settings."""
+
+
+def version_cells(about: Mapping[str, Any]) -> dict[str, Cell]:
+    """Return the cells of a method or peer in these columns."""
+    return {"version": version_words(about), "settings": about["settings"]}
 
 
 # ---------------------------------------------------------------- cells

@@ -1,4 +1,4 @@
-"""Runs of a suite, in processes or on a cluster, which can be interrupted and resumed at any time."""
+"""Runs of a suite, in one or several processes, which can be interrupted and resumed at any time."""
 
 import benchmarks.extras  # noqa: F401 -- before the modules that need them
 from benchmarks.run.session import run_suite

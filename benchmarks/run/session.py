@@ -8,13 +8,13 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor
-from contextlib import closing, contextmanager, nullcontext, suppress
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from benchmarks.blocks.base import Kind, Session, Shard, Tell, add_keys, silent
+from benchmarks.blocks.base import Session, Shard, Tell, add_keys, silent
 from benchmarks.blocks.block import hash_problems
 from benchmarks.provenance import provenance, time_reference
 from benchmarks.records import (
@@ -28,18 +28,8 @@ from benchmarks.records import (
     record_failures,
     update_manifest,
 )
-from benchmarks.run.pool import (
-    IN_FLIGHT,
-    Child,
-    Cluster,
-    Failure,
-    Pool,
-    Processes,
-    ThisProcess,
-    solve_shards,
-    words_of_error,
-)
-from benchmarks.suite import Suite, suite_of
+from benchmarks.run.pool import IN_FLIGHT, Failure, Pool, Processes, ThisProcess, solve_shards, words_of_error
+from benchmarks.suite import Suite
 from optik.arm.library import load
 from optik.check import check_count, check_number
 from optik.errors import InvalidInput, OptikError, OutputError
@@ -156,9 +146,6 @@ DEATHS = 2
 REFERENCE_SECONDS = 1.0
 """Least time between two reference computations of a block [s]: they take 0.06 s."""
 
-WAIT_SECONDS = 600.0
-"""Longest wait for `compiled_aside` before timed work [s]; the main process compiles the remaining kernels."""
-
 
 def run_suite(
     suite: Suite,
@@ -166,7 +153,6 @@ def run_suite(
     *,
     workers: int = 1,
     executor: Executor | None = None,
-    dask: str = "",
     part_timeout: float | None = None,
     progress: Progress | None = None,
     command: str = "",
@@ -183,8 +169,6 @@ def run_suite(
         Number of processes. More than one affects measured times, not results.
     executor : concurrent.futures.Executor, optional
         Executor that runs the parts in place of processes; the caller shuts it down.
-    dask : str
-        Address of a Dask scheduler whose workers run the parts in place of processes; empty for none.
     part_timeout : float, optional
         Time limit of a part in a worker process [s]; by default `PART_SECONDS` if there are several processes. With a limit,
         parts run in a worker process even if there is only one.
@@ -204,34 +188,29 @@ def run_suite(
         The folder cannot be written, contains something else, or another process writes to it.
     InvalidInput
         An unknown option of a set or a method; a plug-in that is not allowed, or has changed since the start of the run; a
-        damaged or foreign table in the folder; no cluster at that address.
+        damaged or foreign table in the folder.
     """
     check_allowed(suite.plugins, suite.allow_plugins)
     folder, manifest = RunFolder(out), new_manifest(suite, workers, command)
     resumed(folder, manifest)
     recorded = manifest["plugins"]
-    with closing(_pool(workers, executor, dask, part_timeout, recorded)) as pool, begin_run(folder, manifest) as lock:
+    with closing(_pool(workers, executor, part_timeout, recorded)) as pool, begin_run(folder, manifest) as lock:
         run = _Run(suite, folder, lock, recorded, progress or (lambda done, total, what: None))
-        with compiled_aside(suite) if isinstance(pool, Processes) else nullcontext():
-            run.prepare()
-            run.do_shards(pool)
+        run.prepare()
+        run.do_shards(pool)
         pool.close()  # timed blocks share this machine with no worker
         run.do_alone()
         run.finish()
     return folder
 
 
-def _pool(
-    workers: int, executor: Executor | None, dask: str, limit: float | None, recorded: list[dict[str, str]]
-) -> Pool:
+def _pool(workers: int, executor: Executor | None, limit: float | None, recorded: list[dict[str, str]]) -> Pool:
     """Return the pool that runs the parts."""
     check_count(workers, "workers", 1, MOST_WORKERS)
     if limit is not None and check_number(limit, "part_timeout", "a time [s] above 0") <= 0.0:
         raise InvalidInput("part_timeout", limit, "a time [s] above 0")
     if executor is not None:
         return Pool(executor, IN_FLIGHT, recorded)
-    if dask:
-        return Cluster(dask, recorded)
     if workers == 1 and limit is None:
         return ThisProcess(recorded)
     return Processes(workers, recorded, limit or PART_SECONDS)
@@ -388,30 +367,3 @@ def run_block_apart(pool: Pool, session: Session) -> Failure | None:
         ends[label] += 1
         if ends[label] >= DEATHS:
             journal.blame(label, failure.why)
-
-
-@contextmanager
-def compiled_aside(suite: Suite) -> Iterator[None]:
-    """Run the first calls of all blocks that are timed alone in a second process, which ends with the context.
-
-    The main process samples problems meanwhile. The only result are compiled kernels in the cache on disk. If the second
-    process fails, the main process compiles them.
-    """
-    if suite.plugins or all(type(kind).warm is Kind.warm for kind in suite.kinds):
-        yield
-        return
-    aside = Child(target=_first_calls, args=(suite.name, dict(suite.settings)), daemon=True)
-    aside.start()
-    try:
-        yield
-        aside.join(WAIT_SECONDS)
-    finally:
-        aside.kill()
-        aside.join()
-
-
-def _first_calls(name: str, settings: dict[str, object]) -> None:
-    """Run the first calls."""
-    with suppress(Exception):  # the main process reports errors
-        for kind, block in suite_of(name, settings).pairs():
-            kind.warm(block)

@@ -111,7 +111,7 @@ def test_every_trial_is_executed_and_its_error_is_the_sum_of_its_parts(run: RunF
 
 def test_the_report_has_the_claims_the_noise_and_the_table_of_spots(run: RunFolder) -> None:
     page = write_report(run).read_text(encoding="utf-8")
-    for words in ("The paper&#39;s claims, as executed", "Fig. 10 as executed", "payload, uniform ±5 %"):
+    for words in ("The paper&#39;s claims, as executed", "Fig. 11, 12 and 13 as executed", "payload, uniform ±5 %"):
         assert words in page, words
     read = Run(run)
     tables = {table.id: table for table in load_report(load_kind("cell")).tables(read)}

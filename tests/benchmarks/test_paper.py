@@ -16,6 +16,7 @@ from benchmarks.experiments.claims import judge_claims
 from benchmarks.records import RunFolder
 from benchmarks.report import write_report
 from benchmarks.report.base import Run, Winner, load_report
+from benchmarks.report.budgets.default import pairs
 from benchmarks.report.tables import Table
 from benchmarks.run import run_suite
 from benchmarks.suite import load_suite, suite_of
@@ -77,19 +78,19 @@ def test_rates_and_medians_are_what_the_files_hold(run: Run, block: str) -> None
 
 
 def test_the_default_and_the_paper_s_iteration_are_counted_on_the_same_targets(run: Run) -> None:
-    rows: Any = {row["label"]: row for row in tables(run, "budgets")["default-workspace"].rows}
-    labels = [PAPER, ATTEMPT, WHOLE]
-    assert list(rows) == labels
+    pair, labels = pairs(run)[0], [PAPER, ATTEMPT, WHOLE]
+    assert list(pair.labels) == labels
     given = plain_demo.given_to_all(plain_demo.block(run.folder.path, "workspace"), labels)
     assert len({tuple(part["problem"]) for part in given.values()}) == 1
     for label in labels[1:]:
         mine, other = (plain_demo.solved(given[m], 1e-6) for m in (label, PAPER))
         expect = [int(x.sum()) for x in (mine & other, mine & ~other, other & ~mine, ~mine & ~other)]
-        assert [rows[label][key] for key in ("both", "alone", "lost", "neither")] == expect
+        test = pair.against_paper(label)
+        assert [test.both, test.first, test.second, test.neither] == expect
     times = plain_demo.call_medians(run.folder.path, labels)
     for label in labels:
-        assert rows[label]["solved_us"] == pytest.approx(times[label])
-        assert rows[label]["success"][0] == pytest.approx(100 * plain_demo.solved(given[label], 1e-6).mean())
+        assert pair.times(run)[label] == pytest.approx(times[label])
+        assert pair.solved(label).mean() == pytest.approx(plain_demo.solved(given[label], 1e-6).mean())
 
 
 def test_the_winner_solves_most_of_the_targets_that_all_were_given(run: Run) -> None:

@@ -13,7 +13,6 @@ from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import polars as pl
 import pytest
 
@@ -22,10 +21,9 @@ from benchmarks.blocks.entries import JOINT_LIMITS
 from benchmarks.records import RunFolder
 from benchmarks.report import write_report
 from benchmarks.report.base import Run, load_report
-from benchmarks.report.boards import figure, strict
+from benchmarks.report.boards import strict
 from benchmarks.report.tables import number
 from benchmarks.report.timing import limitations
-from benchmarks.report.timing.joints import add_friction
 from benchmarks.report.timing.line import broken_limits, describe_limits, law_control
 from benchmarks.run import run_suite
 from optik.errors import InvalidInput
@@ -318,18 +316,6 @@ def test_limits_are_listed_joint_by_joint_with_repeats() -> None:
     assert describe_limits(MotionLimits(torque=[87.0, 87.0, 12.0]), 3).startswith("torque 87, 87, 12 ")
     assert describe_limits(MotionLimits(velocity=[2.0, 2.0]), 2).startswith("velocity 2 ")
     assert describe_limits(MotionLimits(velocity=[[-1.0, -1.0], [2.0, 2.0]]), 2).startswith("velocity -1 to 2 ")
-
-
-def test_coulomb_friction_is_drawn_either_way_only_where_a_joint_rests_or_reverses() -> None:
-    """At rest at 0 and 1, and a reversal between 7 and 8: there the torque can differ by the friction to either side."""
-    dq = np.array([0.0, 0.0, *np.ones(6), *-np.ones(4)])
-    torque = np.arange(12.0) + 2.0 * np.sign(dq)
-    rows = pl.DataFrame({"law": "l", "joint": "j", "t": np.arange(12.0), "dq": dq, "torque": torque, "coulomb": 2.0})
-    plot = figure("torque", "Torque", "t", "torque")
-    add_friction(plot, rows, ["j"])
-    (trace,) = plot.data
-    np.testing.assert_array_equal(trace.x, [0, 1, 2, 3, 3, 2, 1, 0, np.nan, 6, 7, 8, 9, 9, 8, 7, 6, np.nan])
-    np.testing.assert_array_equal(trace.y, [2, 3, 4, 5, 5, 0, -1, -2, np.nan, 8, 9, 10, 7, 7, 6, 5, 8, np.nan])
 
 
 def test_a_run_with_a_kind_of_block_that_was_removed_is_shown_without_it(small_run: RunFolder, tmp_path: Path) -> None:

@@ -16,7 +16,6 @@ import optik
 from benchmarks.blocks.base import GROUP, load_kind
 from benchmarks.cli.app import app
 from benchmarks.cli.explain import Explained, explain
-from benchmarks.cli.runs import warn_of_cluster
 from benchmarks.problems.base import SETS
 from benchmarks.records import RunFolder
 from benchmarks.suite import SUITES, load_suite
@@ -244,10 +243,3 @@ def test_the_tables_of_keys_are_those_of_the_models() -> None:
     empty = re.sub(r"(<!-- keys: budgets -->\n)(?:\|.*\n)*", r"\1", PAGE)
     assert empty != PAGE
     assert suite_keys.fill(empty) == PAGE, "marks without a table between them are filled, too"
-
-
-def test_an_address_without_a_port_gets_one_line_the_error(capsys: pytest.CaptureFixture[str]) -> None:
-    warn_of_cluster("nonsense")
-    assert capsys.readouterr().err == ""
-    warn_of_cluster("10.0.0.2:8786")
-    assert capsys.readouterr().err.startswith("warning: 10.0.0.2:8786")

@@ -1,4 +1,4 @@
-"""Whether rows of a run are the same however it went: killed, by several workers, by Dask, beside a deadly method.
+"""Whether rows of a run are the same however it went: killed, by several workers, beside a deadly method.
 
 The oracle is an undisturbed run by one process. A column that differs between two undisturbed runs is a time, and is named.
 """
@@ -8,7 +8,6 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-import time
 from functools import cache
 from pathlib import Path
 from tempfile import mkdtemp
@@ -18,7 +17,6 @@ import polars as pl
 from benchmarks.records import RunFolder
 from optik.file_io import LOCK
 from tests.benchmarks.test_journal import DEADLY
-from tests.benchmarks.test_run_dask import cluster
 from tests.benchmarks.test_run_workers import until
 from tests.figures.figure import ROOT, Row, Value, main
 
@@ -103,21 +101,10 @@ peers = [{{ peer = "toppra_spline", label = "splines" }}{law}]
 """
 """Of four kinds, each with a place for a method that ends its process."""
 
-MILLION = """
-seed = 11
-[[budgets]]
-id = "budgets"
-robot = "paper6r"
-set = "near_start"
-budgets = [1, 3, 10, 30]
-options = { count = 125000 }
-methods = [{ solver = "lm", label = "one attempt" }, { solver = "lm" }]
-"""
-KILLS, MOST_TRIES, SPEED_RATIO = 10, 20, 1.6
+KILLS, MOST_TRIES = 10, 20
 COUNTS = {"2 workers": 2, "4 workers": 4}
 CASES = (
-    "killed 10 times, 1 worker", "killed 10 times, 2 workers", *COUNTS, "Dask, 2 workers", "os._exit in every block",
-    "Dask, speed",
+    "killed 10 times, 1 worker", "killed 10 times, 2 workers", *COUNTS, "os._exit in every block",
 )  # fmt: skip
 
 
@@ -242,18 +229,6 @@ def deadly() -> Row:
     }
 
 
-def speed() -> Row:
-    """Times of 10⁶ calls by one and by two Dask workers [s], and the load of the machine before."""
-    row: Row = {"load": os.getloadavg()[0], "cores": os.cpu_count()}
-    for workers in (1, 2):
-        with cluster(workers) as (address, _):
-            finished(SUITE, "--dask", address)  # the workers have compiled
-            begin = time.perf_counter()
-            finished(MILLION, "--dask", address)
-            row[str(workers)] = time.perf_counter() - begin
-    return row
-
-
 def measure(case: int) -> Row:
     """A way in which a run may go."""
     name = CASES[case]
@@ -261,10 +236,7 @@ def measure(case: int) -> Row:
         return killed(case + 1)
     if name in COUNTS:
         return compared(SUITE + TIMED, finished(SUITE + TIMED, "--workers", str(COUNTS[name])))
-    if name == "Dask, 2 workers":
-        with cluster(2) as (address, _):
-            return compared(SUITE, finished(SUITE, "--dask", address))
-    return deadly() if name.startswith("os._exit") else speed()
+    return deadly()
 
 
 def judge(rows: list[Row]) -> list[Value]:
@@ -277,17 +249,11 @@ def judge(rows: list[Row]) -> list[Value]:
                 words += f"; {row['kills']} kills"
             fine = not row["unequal"] and row["complete"] and row.get("kills", KILLS) == KILLS
             values.append(Value(f"{name}: columns that differ", "0", words, fine))
-        elif "crashed" in row:
+        else:
             words = f"{len(row['unequal'])}, {row['rows']} rows, complete at attempt {row['tries']}"
             values.append(Value(f"{name}: columns of other methods that differ", "0", words, not row["unequal"]))
             every = row["status"] == 0 and all(count == ended > 0 for count, ended in row["crashed"].values())
             values.append(Value(f"{name}: its rows, and those that say so", "equal", str(row["crashed"]), every))
-        else:
-            ratio = row["1"] / row["2"]
-            words = f"{ratio:.2f} ({row['1']:.1f} s and {row['2']:.1f} s; {row['cores']} cores, load {row['load']:.1f})"
-            values.append(
-                Value(f"{name}: one worker over two, 10⁶ calls", f"≥ {SPEED_RATIO}", words, ratio >= SPEED_RATIO)
-            )
     return values
 
 

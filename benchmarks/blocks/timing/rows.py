@@ -169,7 +169,7 @@ def _paired(column: str, statistic: Callable[[Any], Any]) -> Callable[..., float
     return compute
 
 
-OF_EVERY_MOTION = ("solved", "median_optimum", "worst_optimum", "median_kept", "worst_kept")
+OF_EVERY_MOTION = ("solved", "median_optimum", "worst_optimum")
 """Measures of all requested motions; the others are of those that were found."""
 
 MEASURES = (
@@ -181,13 +181,9 @@ MEASURES = (
     Column("worst_velocity", "largest velocity / limit, exact", show="exact", of=largest("velocity")),
     Column("worst_acceleration", "largest acceleration / limit, exact", show="exact", of=largest("acceleration")),
     Column("worst_jerk", "largest jerk / limit, exact", show="exact", of=largest("jerk")),
-    Column("worst_torque", "largest torque / limit, proved bound", show="exact", of=largest("torque")),
-    Column("worst_torque_rate", "largest torque rate / limit, proved bound", show="exact", of=largest("torque_rate")),
     Column("over_torque", "motions over a torque limit", "%", of=mean("over_torque", 100.0)),
     Column("median_optimum", "median T / T*", show="exact", of=median("over_optimum")),
     Column("worst_optimum", "largest T / T*", show="exact", of=largest("over_optimum")),
-    Column("median_kept", "median T / T*, stretched to the limits", show="exact", of=median("kept_over_optimum")),
-    Column("worst_kept", "largest T / T*, stretched to the limits", show="exact", of=largest("kept_over_optimum")),
     Column("median_ms", "median time of the law", "ms", of=median("ms_law")),
     Column("p95_ms", "95th percentile of the law's time", "ms", of=quantile("ms_law", 0.95)),
     Column("plan_ms", "median time of a whole plan", "ms", of=median("ms_plan")),

@@ -60,21 +60,21 @@ def _rows_by(name: str, block: LawBlock, line: DrawnLine, journal: Journal) -> l
     if (joints := followed.joint_path) is not None:
         about["ik_position_error"] = float(joints.ik.position_error.max())
         about["ik_rotation_error"] = float(joints.ik.rotation_error.max())
-    own = f" {short_name(name)}" if len(block.solvers) > 1 else ""
+    suffix = f" {short_name(name)}" if len(block.solvers) > 1 else ""
     rows = []
     for limits in block.limits:
         within = limits.of(line.robot)
         entered = enter_laws(block, line.robot.n, within, journal, line.index)
         timers = [c for c in entered if "absent" not in c.about]
         if followed.failure is not None:
-            found = [
+            law_rows = [
                 _row_of(c) | {"status": str(followed.failure.status), "reason": followed.failure.reason} for c in timers
             ]
         else:
             assert joints is not None
-            found = _timed_rows(block, line, within, solver, joints, timers, journal)
-        problem = f"{line.arm} {line.kind} {line.index} {limits.label}{own}"
-        rows += [row | about | {"problem": problem, "limits": limits.label} for row in found]
+            law_rows = _timed_rows(block, line, within, solver, joints, timers, journal)
+        problem = f"{line.arm} {line.kind} {line.index} {limits.label}{suffix}"
+        rows += [row | about | {"problem": problem, "limits": limits.label} for row in law_rows]
     return rows
 
 
@@ -260,7 +260,7 @@ def write_example(
         folder.write(name(f"{table}.parquet"), pl.concat(parts))
     if clearances:
         folder.write_json(name("clearance.json"), clearances)
-    joints = next((found for by in block.solvers if (found := _follow(block, line, by)) is not None), None)
+    joints = next((followed for by in block.solvers if (followed := _follow(block, line, by)) is not None), None)
     curve = pl.DataFrame({"s": []}) if joints is None or not tables else curve_frame(joints, limits)
     folder.write(name("curve.parquet"), curve)
 
@@ -355,13 +355,12 @@ def joint_frame(planned: Plan) -> pl.DataFrame:
 
 
 def _torques(planned: Plan, t: Array) -> dict[str, Array]:
-    """Return torques, torque rates and friction for the load with larger values at each instant; empty without masses."""
+    """Return torques and torque rates for the load with larger values at each instant; empty without masses."""
     robot, motion = planned.robot, planned.trajectory
     if robot.inertia is None:
         return {}
     found = [np.take_along_axis(x, np.abs(x).argmax(axis=0)[None], axis=0)[0] for x in sample_torques(robot, motion, t)]
-    friction = np.broadcast_to(robot.inertia.coulomb, found[0].shape)
-    return dict(zip(("torque", "torque_rate", "coulomb"), (x.ravel() for x in (*found, friction)), strict=True))
+    return dict(zip(("torque", "torque_rate"), (x.ravel() for x in found), strict=True))
 
 
 def tool_frame(planned: Plan) -> pl.DataFrame:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import polars as pl
 
@@ -12,23 +12,29 @@ from benchmarks.blocks.budgets import PER_RADIAN, SUCCESS_LEVELS, BudgetRows, su
 from benchmarks.blocks.entries import level_words
 from benchmarks.experiments.base import COUNTERPARTS, PAPER_TITLE, UNTESTED
 from benchmarks.report.base import KindReport, Run, Section, Winner
-from benchmarks.report.boards import Board, Control, add, axis, bars, colour, figure, lean, vary
-from benchmarks.report.budgets.accuracy import DAMPING_BLOCK, accuracy, damping, damping_table
-from benchmarks.report.budgets.default import (
-    COMPARED_PROBLEMS,
-    add_success,
-    answer,
-    compared_rows,
-    comparisons,
-    default,
-    default_table,
-    pairs,
-    success_plot,
+from benchmarks.report.boards import (
+    Board,
+    Control,
+    add,
+    axis,
+    bars,
+    colour,
+    figure,
+    interval,
+    lean,
+    line,
+    percent_axis,
+    vary,
 )
+from benchmarks.report.budgets.accuracy import DAMPING_BLOCK, accuracy, damping, damping_table
+from benchmarks.report.budgets.default import COMPARED_PROBLEMS, compared_rows, comparisons, default
 from benchmarks.report.budgets.maps import maps, picture, sheets_of
 from benchmarks.report.page import most_solved
-from benchmarks.report.tables import Column, Group, Table, listed, percent, table_of
+from benchmarks.report.tables import Column, Group, Table, listed, table_of
 from optik.registry import short_name
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
 
 ENDINGS = {
     "solved": ("solved", colour(2)),
@@ -104,17 +110,38 @@ def method_table(b: BudgetRows) -> Table:
 
 
 def _success_board(blocks: list[BudgetRows], run: Run) -> Board:
+    budget = axis("iteration budget", type="log", tickvals=[1, 2, 5, 10, 20, 50, 100, 200, 500])
     plots = []
     for level in SUCCESS_LEVELS:
-        plot = success_plot(f"success-{level:.0e}", f"Success at {level_words(level)} m and rad", "problems")
+        title, solved = f"Success at {level_words(level)} m and rad", percent_axis("problems solved")
+        plot = figure(f"success-{level:.0e}", title, budget, solved)
         for b in blocks:
-            add_success(plot, b, run, compared_rows(b)[0], b.methods, level, {"block": [b.block.id]})
+            _add_success(plot, b, run, level)
         plots.append(plot)
     return Board(
         "success", tuple(plots), (Control.of_blocks(blocks),),
         f"{COMPARED_PROBLEMS} Bars are Wilson 95 % intervals. A run that its budget stops is judged at its last iterate. Level "
         "line: a method with default settings, which has no budget.",
     )  # fmt: skip
+
+
+def _add_success(plot: Figure, b: BudgetRows, run: Run, level: float) -> None:
+    """Draw the success of all methods against the budget, with intervals; a level line where a method has no budget."""
+    rows, budgets = compared_rows(b)[0], b.block.budgets
+    for label in b.methods:
+        part, whole = rows.filter(pl.col("method") == label), label in b.whole
+        if part.is_empty():
+            continue
+        rates = [success(part.filter(pl.col("budget") == n), level) for n in (budgets[-1:] if whole else budgets)]
+        rates *= 2 if whole else 1
+        words = "default settings" if whole else "budget %{x}"
+        trace = line(
+            [budgets[0], budgets[-1]] if whole else list(budgets), [r[0] for r in rates], name=label,
+            mode="lines" if whole else "lines+markers", marker={"symbol": run.symbol(label), "size": 7},
+            line=run.look(label),
+            error_y=interval(rates, width=3), hover=f"{label}<br>{words}: %{{y:.1f}} %",
+        )  # fmt: skip
+        add(plot, trace, {"block": [b.block.id]})
 
 
 def _status_board(blocks: list[BudgetRows]) -> Board:
@@ -177,24 +204,6 @@ def _about(b: BudgetRows, run: Run) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _findings(run: Run) -> list[str]:
-    """Compare the default method with the paper's iteration; for a block without both, list every method's success rate."""
-    answered = pairs(run)
-    others = [b for b in comparisons(run) if b.block.id not in {pair.rows.block.id for pair in answered}]
-    found = [f"Is the default better than the paper's iteration? {answer(pair, run)}" for pair in answered[:1]]
-    return found + [words for b in others if (words := _rates(b))]
-
-
-def _rates(b: BudgetRows) -> str:
-    last = compared_rows(b)[0].filter(pl.col("budget") == b.budget)
-    words = []
-    for label in b.methods if len(last) else ():
-        part = last.filter(pl.col("method") == label)
-        rate, low, high = success(part, SUCCESS_LEVELS[-1])
-        words.append(f"{label} {percent(rate)} of {len(part):,} ({low:.1f} to {high:.1f} %)")
-    return f"{b.block.title}, at most {b.budget} iterations; targets solved: {'; '.join(words)}." if words else ""
-
-
 def _limitations(run: Run) -> list[str]:
     """List the limitations of rates and iterations."""
     blocks: list[BudgetRows] = run.of("budgets")
@@ -238,8 +247,8 @@ def _winners(run: Run) -> list[Winner]:
 
 
 def _tables(run: Run) -> list[Table]:
-    """Return the tables: the default method beside the paper's iteration, all methods of every block, and the dampings."""
-    found = [default_table(pair, run) for pair in pairs(run)] + [method_table(b) for b in run.of("budgets")]
+    """Return the tables: all methods of every block, and the dampings."""
+    found = [method_table(b) for b in run.of("budgets")]
     dampings = damping_table(run)
     return found if dampings is None else [*found, dampings]
 
@@ -275,7 +284,7 @@ REPORT = KindReport(
         Section("Is the default better than the paper's iteration?", "default", default, order=5),
         Section("Reached spots of the workspace", "picture", picture, order=5, place="top"),
         Section("Methods", "budgets", methods, order=30),
-        Section("Error against distance and budget", "error", accuracy, order=40),
+        Section("Error against distance", "error", accuracy, order=40),
         Section("Damping by distance to a singularity", "damping", damping, order=50),
         Section("The workspace: positions and errors (Fig. 10 to 13)", "maps", maps, order=60),
         Section("The paper and this report", "paper", _paper, _PAPER, 98),
@@ -283,6 +292,5 @@ REPORT = KindReport(
     lambda blocks: ("inverse kinematics",),
     winners=_winners,
     tables=_tables,
-    findings=_findings,
     limitations=_limitations,
 )

@@ -1,9 +1,8 @@
-"""Sections on the error of each axis against distance and budget, and on the damping near a singularity."""
+"""Sections on the error of each axis against distance, and on the damping near a singularity."""
 
 from __future__ import annotations
 
 import math
-from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import polars as pl
@@ -20,13 +19,12 @@ from benchmarks.report.boards import (
     entry,
     figure,
     iterations,
-    level,
     line,
     log_axis,
     percent_axis,
     shades,
 )
-from benchmarks.report.budgets.default import COMPARED_PROBLEMS, budget_axis, compared_rows, comparisons
+from benchmarks.report.budgets.default import comparisons
 from benchmarks.report.tables import Column, Table, listed, number, percent, table_of
 from benchmarks.statistics import binned, quantiles
 
@@ -59,11 +57,11 @@ def chosen(budgets: tuple[int, ...], count: int = MOST_LINES) -> list[int]:
     return [budgets[round(i * (len(budgets) - 1) / (count - 1))] for i in range(count)]
 
 
-# ---------------------------------------------------------------- error against distance and budget
+# ---------------------------------------------------------------- error against distance
 
 
 def accuracy(run: Run) -> dict[str, Any] | None:
-    """Show error against distance by budget, and against budget by method."""
+    """Show error against distance by budget."""
     blocks = [b for b in comparisons(run) if not b.known.is_empty()]
     if not blocks:
         return None
@@ -76,90 +74,43 @@ def accuracy(run: Run) -> dict[str, Any] | None:
         "Absolute error on each axis of the base frame, target minus tool, at the last iterate within the budget; the signed "
         f"errors are in the run's files. Targets with a known solution: {'; '.join(counts)}."
     )
-    return {"lead": lead, "boards": [_distance_board(blocks), _budget_board(blocks, run)]}
-
-
-def _millimetres(column: str) -> pl.Expr:
-    return (pl.col(column).abs() * 1e3).clip(FLOOR_MM).alias("mm")
-
-
-def _error_plots(id: str, across: str | Json) -> dict[str, Figure]:
-    """Return an empty plot for the error of each axis."""
-    return {
-        column: figure(f"{id}-{column}", f"{name} axis", across, log_axis(f"|error in {name}| [mm]", range=DECADES))
-        for column, name in ERROR_AXES.items()
-    }
-
-
-def _add_quantiles(plot: Figure, x: Any, ys: Any, label: str, colour: str, hover: str, when: Json, **more: Any) -> None:
-    """Draw the median with markers, and the 95th percentile dotted."""
-    for (words, (_, dash)), y in zip(DRAWN_QUANTILES.items(), ys, strict=True):
-        strong: Json = {"name": label, "mode": "lines+markers"} if dash == "solid" else {}
-        look = {"color": colour, "dash": dash, "width": 2 if strong else 1.3}
-        add(
-            plot,
-            line(x, y, marker={"size": 4}, line=look, hover=f"{label}, {words}<br>{hover}", **strong, **more),
-            when,
-        )
-
-
-def _add_quantile_entries(plot: Figure) -> None:
-    """Add the quantiles to the legend."""
-    for words, (_, dash) in DRAWN_QUANTILES.items():
-        add(plot, entry(words, INK_COLOUR, dash))
+    return {"lead": lead, "boards": [_distance_board(blocks)]}
 
 
 def _distance_board(blocks: list[BudgetRows]) -> Board:
-    plots = _error_plots("distance", "distance from the start [mm]")
-    for column, plot in plots.items():
+    plots = []
+    for column, name in ERROR_AXES.items():
+        vertical = log_axis(f"|error in {name}| [mm]", range=DECADES)
+        plot = figure(f"distance-{column}", f"{name} axis", "distance from the start [mm]", vertical)
         for b in blocks:
             _add_distance_lines(plot, b, column)
-        _add_quantile_entries(plot)
+        for words, (_, dash) in DRAWN_QUANTILES.items():
+            add(plot, entry(words, INK_COLOUR, dash))
+        plots.append(plot)
     methods = dict.fromkeys(m for b in blocks for m in b.budgeted)
     return Board(
-        "by-distance", tuple(plots.values()), (Control.of_blocks(blocks), Control.of("method", "Method", list(methods))),
+        "by-distance", tuple(plots), (Control.of_blocks(blocks), Control.of("method", "Method", list(methods))),
         "Bins of 50 mm with at least 10 targets. All targets with a known solution are counted, also those where the method "
         "fails: they make the 95th percentile. Errors up to 10⁻⁹ mm (10⁻¹² m) are rounding: all are drawn there, as ≤ 10⁻⁹.",
-        "Against the distance between start and target",
     )  # fmt: skip
 
 
 def _add_distance_lines(plot: Figure, b: BudgetRows, column: str) -> None:
+    """Draw the median with markers, and the 95th percentile dotted, for each method and budget."""
     budgets = chosen(b.block.budgets)
-    rows = b.known.with_columns(_millimetres(column), far=pl.col("distance") * 1e3)
+    error = (pl.col(column).abs() * 1e3).clip(FLOOR_MM).alias("mm")
+    rows = b.known.with_columns(error, far=pl.col("distance") * 1e3)
     for label in b.budgeted:
         for budget, shade in zip(budgets, shades(len(budgets)), strict=True):
             part = rows.filter((pl.col("method") == label) & (pl.col("budget") == budget))
             table = binned(part, "far", "mm", width=50.0)
-            quantiles_ = [table[f"q{share}"] for share, _ in DRAWN_QUANTILES.values()]
-            hover = "%{x:.0f} mm away: %{y:.3g} mm (%{customdata} targets)"
-            when, counts = {"block": [b.block.id], "method": [label]}, table["count"].to_numpy()
-            _add_quantiles(plot, table["middle"], quantiles_, iterations(budget), shade, hover, when, customdata=counts)
-
-
-def _budget_board(blocks: list[BudgetRows], run: Run) -> Board:
-    plots = _error_plots("budget", budget_axis())
-    for b in blocks:
-        rows, _ = compared_rows(b)
-        for (column, plot), label in product(plots.items(), b.budgeted):
-            _add_budget_lines(plot, b, rows.filter(pl.col("method") == label), label, run.colour(label), column)
-    for plot in plots.values():
-        _add_quantile_entries(plot)
-        plot.update_layout(shapes=[level(2.0, name="2 mm")])
-    return Board(
-        "by-budget", tuple(plots.values()), (Control.of_blocks(blocks),),
-        f"{COMPARED_PROBLEMS} Thin line: the paper's 2 mm.", "Against the iteration budget",
-    )  # fmt: skip
-
-
-def _add_budget_lines(plot: Figure, b: BudgetRows, part: pl.DataFrame, label: str, colour: str, column: str) -> None:
-    part = part.with_columns(_millimetres(column))
-    if part.is_empty():
-        return
-    found = {n: rows["mm"].to_numpy() for (n,), rows in part.partition_by("budget", as_dict=True).items()}
-    shown = [[quantiles(found.get(n, []), (q,))[0] for n in b.block.budgets] for q, _ in DRAWN_QUANTILES.values()]
-    hover = "budget %{x}: %{y:.3g} mm"
-    _add_quantiles(plot, b.block.budgets, shown, label, colour, hover, {"block": [b.block.id]})
+            for words, (level, dash) in DRAWN_QUANTILES.items():
+                strong: Json = {"name": iterations(budget), "mode": "lines+markers"} if dash == "solid" else {}
+                add(plot, line(
+                    table["middle"], table[f"q{level}"], marker={"size": 4}, customdata=table["count"].to_numpy(),
+                    line={"color": shade, "dash": dash, "width": 2 if strong else 1.3}, **strong,
+                    hover=f"{iterations(budget)}, {words}<br>%{{x:.0f}} mm away: %{{y:.3g}} mm (%{{customdata}} targets)",
+                ), {"block": [b.block.id], "method": [label]})  # fmt: skip
 
 
 # ---------------------------------------------------------------- damping

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -10,42 +9,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import polars as pl
 
-from benchmarks.blocks.block import median, share
-from benchmarks.blocks.budgets import SUCCESS_LEVELS, BudgetRows, succeeded, success
+from benchmarks.blocks.budgets import SUCCESS_LEVELS, BudgetRows, succeeded
 from benchmarks.blocks.entries import ProblemBlock, level_words, shared
 from benchmarks.report.base import Run
-from benchmarks.report.boards import Board, Json, add, axis, figure, interval, line, percent_axis
 from benchmarks.report.page import MethodRanking, rank_methods
-from benchmarks.report.tables import Cell, Column, Table, number, p_value, percent, table_of
+from benchmarks.report.tables import number, p_value, percent
 from benchmarks.statistics import SIGNIFICANT, McNemar, is_too_few, mcnemar
 from optik.registry import short_name
 from optik.types import Flags
 
 if TYPE_CHECKING:
-    from plotly.graph_objects import Figure
+    pass
 
 PAPER_SOLVER, DEFAULT_SOLVER = "dls", "lm"
 """Names of the paper's iteration and of the default method."""
-
-DEFAULT_COLUMNS = (
-    Column("label", "Method", show="text"),
-    Column("count", "targets", show="count"),
-    Column("success", "solved", "%", "more", "share", of=share(succeeded(SUCCESS_LEVELS[-1]))),
-    Column("alone", "solved by this method only", show="count"),
-    Column("lost", "solved by the paper's only", show="count"),
-    Column("p", "McNemar's p", show="p"),
-    Column(
-        "iterations",
-        "median iterations, solved",
-        show="count",
-        of=median("iterations", among=pl.col("status") == "solved"),
-    ),
-    Column("solved_us", "median time, solved", "µs", "less"),
-    Column("failed_us", "median time, not solved", "µs", "less"),
-    Column("both", "solved by both", show="count", aside=True),
-    Column("neither", "solved by neither", show="count", aside=True),
-)
-"""Columns of the comparison of the default with the paper's iteration."""
 
 
 def comparisons(run: Run) -> list[BudgetRows]:
@@ -104,13 +81,13 @@ class Pair:
         """Return McNemar's test of a method against the paper's iteration, on the problems of `given`."""
         return mcnemar(self.solved(label), self.solved(self.paper))
 
-    def times(self, run: Run) -> dict[str, list[float]]:
-        """Return the median times of solved and unsolved calls [µs], from a block of single calls with the same problems."""
+    def times(self, run: Run) -> dict[str, float]:
+        """Return the median times of solved calls [µs], from a block of single calls with the same problems."""
         for calls in run.of("calls"):
             same = has_same_problems(calls.block, self.rows.block)
             if same and set(self.labels) <= set(calls.rows["method"].unique()):
-                rows = shared(calls.rows, self.labels)
-                return {label: _median_times(rows.filter(pl.col("method") == label)) for label in self.labels}
+                rows = shared(calls.rows, self.labels).filter("solved")
+                return {label: _median_us(rows.filter(pl.col("method") == label)) for label in self.labels}
         return {}
 
 
@@ -119,10 +96,9 @@ def has_same_problems(a: ProblemBlock, b: ProblemBlock) -> bool:
     return (a.robot, a.set, a.options) == (b.robot, b.set, b.options)
 
 
-def _median_times(rows: pl.DataFrame) -> list[float]:
-    """Return the median time of solved calls and that of unsolved calls [µs]."""
-    times = (rows.filter(pl.col("solved") == ok)["ns"].to_numpy() / 1e3 for ok in (True, False))
-    return [float(np.median(us)) if len(us) else float("nan") for us in times]
+def _median_us(rows: pl.DataFrame) -> float:
+    """Return the median time of calls [µs]; NaN without any."""
+    return float(np.median(rows["ns"].to_numpy() / 1e3)) if len(rows) else float("nan")
 
 
 def pairs(run: Run) -> list[Pair]:
@@ -141,15 +117,14 @@ def _pair(b: BudgetRows) -> Pair | None:
 
 
 def default(run: Run) -> dict[str, Any] | None:
-    """Show an answer, a plot and a table for the first block that has the default method and the paper's iteration."""
+    """Answer the question for the first block that has the default method and the paper's iteration."""
     found = pairs(run)
     if not found:
         return None
     first = found[0]
     return {
         "lead": answer(first, run),
-        "boards": [_board(first, run)],
-        "tables": [default_table(pair, run) for pair in found],
+        "points": [(pair.rows.block.title, answer(pair, run)) for pair in found[1:]],
         "prose": [
             "The paper's iteration is damped least squares (eq. 11 and 12, corrected) with constant λ and α, clamped to the "
             f"joint limits. {first.attempt} also makes one attempt. {first.whole or 'The default with default settings'} "
@@ -183,78 +158,9 @@ def answer(pair: Pair, run: Run) -> str:
         )
     times = pair.times(run)
     if times:
-        mine, other = times[pair.attempt][0], times[pair.paper][0]
+        mine, other = times[pair.attempt], times[pair.paper]
         text += (
             f" The median solved call takes {number(mine)} µs against {number(other)} µs: "
             f"{number(max(mine, other) / min(mine, other), 2)} times {'less' if mine < other else 'more'}."
         )
     return text
-
-
-def default_table(pair: Pair, run: Run) -> Table:
-    """Return the comparison of the default method with the paper's iteration as a table."""
-    times, groups = pair.times(run), []
-    for label in pair.labels:
-        part = pair.given.filter(pl.col("method") == label)
-        solved, failed = times.get(label, (None, None))
-        given: dict[str, Cell] = {"label": label, "count": len(part), "solved_us": solved, "failed_us": failed}
-        if label != pair.paper:
-            test = pair.against_paper(label)
-            given |= {"both": test.both, "neither": test.neither, "alone": test.first, "lost": test.second, "p": test.p}
-        groups.append((given, part))
-    b = pair.rows
-    return table_of(
-        f"default-{b.block.id}", f"The default and the paper's iteration: {b.block.title}", DEFAULT_COLUMNS, groups,
-        f"{len(pair.given) // len(pair.labels):,} targets with a known solution that all of these methods were given; one "
-        f"attempt has at most {b.budget} iterations. Wilson 95 % intervals.",
-    )  # fmt: skip
-
-
-def _board(pair: Pair, run: Run) -> Board:
-    """Plot success against the iteration budget, and a level line for the default method with restarts."""
-    b = pair.rows
-    plot = success_plot(
-        "default-success", f"Targets solved within {level_words(SUCCESS_LEVELS[-1])} m and rad", "targets"
-    )
-    problems = pair.given["problem"].unique()
-    add_success(plot, b, run, b.rows.filter(pl.col("problem").is_in(problems.implode())), pair.labels)
-    return Board(
-        "default-board", (plot,), (),
-        f"{b.block.title}: {len(problems):,} targets with a known solution, the same for all; bars are Wilson 95 % intervals."
-        + (f" {pair.whole} has no budget: its level line is its success rate with default settings." if pair.whole else ""),
-    )  # fmt: skip
-
-
-# ---------------------------------------------------------------- success against the budget
-
-
-def budget_axis() -> Json:
-    """Return the axis of the iteration budget."""
-    return axis("iteration budget", type="log", tickvals=[1, 2, 5, 10, 20, 50, 100, 200, 500])
-
-
-def success_plot(id: str, title: str, what: str) -> Figure:
-    """Return an empty plot of success against the iteration budget."""
-    return figure(id, title, budget_axis(), percent_axis(f"{what} solved"))
-
-
-def add_success(
-    plot: Figure, b: BudgetRows, run: Run, rows: pl.DataFrame, labels: Sequence[str],
-    level: float = SUCCESS_LEVELS[-1], when: Json | None = None,
-) -> None:  # fmt: skip
-    """Draw the success of some methods against the budget, with intervals; a level line where a method has no budget."""
-    budgets = b.block.budgets
-    for label in labels:
-        part, whole = rows.filter(pl.col("method") == label), label in b.whole
-        if part.is_empty():
-            continue
-        rates = [success(part.filter(pl.col("budget") == n), level) for n in (budgets[-1:] if whole else budgets)]
-        rates *= 2 if whole else 1
-        words = "default settings" if whole else "budget %{x}"
-        trace = line(
-            [budgets[0], budgets[-1]] if whole else list(budgets), [r[0] for r in rates], name=label,
-            mode="lines" if whole else "lines+markers", marker={"symbol": run.symbol(label), "size": 7},
-            line=run.look(label),
-            error_y=interval(rates, width=3), hover=f"{label}<br>{words}: %{{y:.1f}} %",
-        )  # fmt: skip
-        add(plot, trace, when)

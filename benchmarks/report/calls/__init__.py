@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike
 
 from benchmarks.blocks.block import values_of
 from benchmarks.blocks.calls import FIRST_ROUND_FROM, CallRows
-from benchmarks.blocks.contest import version_words
 from benchmarks.blocks.entries import shared
 from benchmarks.report.base import KindReport, Run, Section, Winner
 from benchmarks.report.boards import (
@@ -30,7 +29,7 @@ from benchmarks.report.boards import (
 from benchmarks.report.budgets.default import has_same_problems
 from benchmarks.report.calls.tables import LABEL, block_tables
 from benchmarks.report.page import most_solved, rank_methods
-from benchmarks.report.tables import Cell, Column, Table
+from benchmarks.report.tables import VERSION_COLUMNS, Cell, Table, version_cells
 from benchmarks.statistics import median_interval, not_longer, percentage
 from optik.types import Array
 
@@ -183,10 +182,8 @@ def _compared(run: Run) -> Table:
     found: dict[tuple[str, str], dict[str, Cell]] = {}
     for b in run.of("calls"):
         for label, about in b.entries.items():
-            row = {"label": label, "version": version_words(about), "settings": about["settings"]}
-            found.setdefault((label, about["settings"]), row)
-    columns = (LABEL, *(Column(key, key, show="text") for key in ("version", "settings")))
-    return Table("calls-compared", "Versions and settings", columns, tuple(found.values()))
+            found.setdefault((label, about["settings"]), {"label": label} | version_cells(about))
+    return Table("calls-compared", "Versions and settings", (LABEL, *VERSION_COLUMNS), tuple(found.values()))
 
 
 # ---------------------------------------------------------------- who wins

@@ -1,4 +1,4 @@
-"""Tables of a block of single calls: success and time, equal time, tolerances, equal iterations, paired tests, groups."""
+"""Tables of a block of single calls: success and time, tolerances, equal iterations, paired tests, groups."""
 
 from __future__ import annotations
 
@@ -18,9 +18,6 @@ from optik.ik import Tolerance
 from optik.registry import short_name
 from optik.types import Array
 
-TIME_BUDGETS_US = (10.0, 30.0, 100.0, 1e3, 1e4, 1e5)
-"""Times within which a call must have its answer in the table of equal time [µs]: a control cycle has 1,000."""
-
 LABEL = Column("label", "Method", show="text")
 """First column of every table."""
 
@@ -36,7 +33,7 @@ FALSE_CLAIM = pl.col("claimed").fill_null(value=False) & ~pl.col("solved")
 
 def block_tables(b: CallRows) -> list[Table]:
     """Return all tables of a block."""
-    found = (success_and_time(b), _within_time(b), _at_tolerances(b), _at_iterations(b), _paired(b), _by_group(b))
+    found = (success_and_time(b), _at_tolerances(b), _at_iterations(b), _paired(b), _by_group(b))
     return [table for table in found if table is not None]
 
 
@@ -174,27 +171,6 @@ def conspicuous(part: pl.DataFrame, varies: str) -> Iterable[str]:
         yield f"varies between runs with {varies}"
 
 
-def _within_time(b: CallRows) -> Table:
-    """Return the fraction of problems solved by a call within each time budget."""
-    words = {t: f"{t:g} µs" if t < 1e3 else f"{t / 1e3:g} ms" for t in TIME_BUDGETS_US}
-    columns = [
-        Column(
-            f"us{t:g}",
-            f"within {words[t]}",
-            "%",
-            "more",
-            "share",
-            of=share(pl.col("solved") & (pl.col("ns") <= 1e3 * t)),
-        )
-        for t in TIME_BUDGETS_US
-    ]
-    note = (
-        "Percentage of all problems. All methods have default settings and do not know the time limit; later answers do not "
-        "count."
-    )
-    return _table(b, "-time", "equal time", columns, note)
-
-
 def _at_tolerances(b: CallRows) -> Table:
     """Return the success rates at several tolerances, with the settings of each method."""
     names = {level: level_name(level) for level in JUDGED_AT}
@@ -240,7 +216,7 @@ def _at_iterations(b: CallRows) -> Table | None:
     note = (
         "One attempt from the given start, without restarts, stopped after this number of iterations. For most methods an "
         "iteration is one Jacobian and one step, for some a whole quadratic programme; a closed form has none. To compare "
-        "speed, use the table of equal time."
+        "speed, use the plot of success against time."
     )
     title = "equal numbers of iterations"
     return _table(b, "-iterations", title, columns, note, parts=parts, absent="no iteration limit")
@@ -266,10 +242,10 @@ def _paired(b: CallRows) -> Table | None:
     others = [label for label in b.by_method if label != reference]
     if reference not in b.by_method or not others:
         return None
-    found = [_pair(b.by_method[label], b.by_method[reference]) for label in others]
-    few = [label for label, cells in zip(others, found, strict=True) if is_too_few(cells.pop("pairs"), len(others))]
+    pairs = [_pair(b.by_method[label], b.by_method[reference]) for label in others]
+    few = [label for label, cells in zip(others, pairs, strict=True) if is_too_few(cells.pop("pairs"), len(others))]
     for key in ("p_solved", "p_time"):
-        for cells, p in zip(found, holm([cells[key] for cells in found]), strict=True):
+        for cells, p in zip(pairs, holm([cells[key] for cells in pairs]), strict=True):
             cells[key] = p
     columns = (
         LABEL,
@@ -288,7 +264,7 @@ def _paired(b: CallRows) -> Table | None:
         f"by Holm's procedure for the {len(others)} method{'s' if len(others) != 1 else ''} of this table."
         + (f" Too few problems for a test: {listed(few)}." if few else "")
     )
-    rows = tuple({"label": label} | cells for label, cells in zip(others, found, strict=True))
+    rows = tuple({"label": label} | cells for label, cells in zip(others, pairs, strict=True))
     return Table(f"calls-{slug(b.block.id)}-pairs", f"{b.block.title}: paired tests", columns, rows, note)
 
 

@@ -10,13 +10,12 @@ import numpy as np
 import polars as pl
 
 from benchmarks.blocks.base import BlockRows
-from benchmarks.blocks.block import measure_named
 from benchmarks.blocks.entries import JOINT_LIMITS
-from benchmarks.blocks.timing.rows import MEASURES, in_group
+from benchmarks.blocks.timing.rows import in_group
 from benchmarks.blocks.timing.settings import GIVEN_LINE, LINE_KINDS, LawBlock, LimitSet
 from benchmarks.report.base import KindReport, Run, Section, Winner
 from benchmarks.report.page import rank_methods
-from benchmarks.report.tables import listed, number, percent, quote_label
+from benchmarks.report.tables import listed, number, quote_label
 from benchmarks.report.timing.joints import motion
 from benchmarks.report.timing.line import (
     broken_limits,
@@ -35,7 +34,6 @@ from benchmarks.report.timing.tables import (
     law_tables,
     make_line_tables,
     plan_times,
-    plot_singularity,
     torques,
     violations,
 )
@@ -51,64 +49,16 @@ def timing(run: Run) -> dict[str, Any] | None:
     return {"blocks": blocks} if blocks else None
 
 
-def findings(run: Run) -> list[str]:
-    """Return the durations and times of every law of ours, and of the peers that were installed, on all lines."""
-    blocks = run.of("timing")
-    return [words for b in blocks if (words := _line_words(b) if b.block.detail else _medians(b))]
-
-
-def _line_words(b: BlockRows) -> str:
-    """Return the durations along the one motion of a block, with the limits that each law violates."""
-    solved = solved_of(b)
-    words = []
-    for row in solved:
-        broken = broken_limits(row)
-        kept = f"exceeds limits: {', '.join(broken)}" if broken else "within every limit"
-        words.append(f"{row['method']} {row['duration']:.3f} s ({kept})")
-    of = f"{b.block.title}: {number(1e3 * solved[0]['length'])} mm with {solved[0]['solver']}: " if solved else ""
-    return f"{of}{'; '.join(words)}." if solved else ""
-
-
-def _medians(b: BlockRows) -> str:
-    words, lines = [], b.rows["line"].n_unique()
-    for label in b.entries:
-        every = b.rows.filter(pl.col("method") == label)
-        rows = every.filter("solved")
-        if rows.is_empty():
-            continue
-        kept = int(rows["keeps_all"].sum())
-        keeps = "within every limit"
-        if kept < len(rows):
-            keeps += f" on {percent(100.0 * kept / len(rows))}"
-        over = int(rows["over_torque"].sum())
-        if over:
-            keeps += f", exceeds a torque limit on {percent(100.0 * over / len(rows))}"
-        off = len(rows) - int(rows["follows"].sum())
-        if off:
-            keeps += f", leaves the path on {off:,} of {len(rows):,}"
-        asked = every["line"].n_unique()
-        middle = measure_named(MEASURES, "median_optimum", "measure").value(every)
-        ms = measure_named(MEASURES, "median_ms", "measure").value(rows)
-        given = f" on {asked:,} motions" if asked < lines else ""
-        words.append(f"{label} {number(middle, 4)} T*{given} ({keeps}, {number(ms)} ms)")
-    if not words:
-        return ""
-    return (
-        f"{b.block.title}, medians of {lines:,} motion{'s' if lines != 1 else ''}, unchanged: " + "; ".join(words) + "."
-    )
-
-
 def _block(b: BlockRows, run: Run) -> dict[str, Any]:
-    block, tables = b.block, law_tables(b)
-    alone = len(block.kinds)
+    block = b.block
     return {
         "id": block.id, "title": block.title, "samples": block.samples, "rounds": block.rounds,
         "solver": listed(map(short_name, block.solvers)),
         "limits": [limit_words(part) for part in block.limits], "reference": _reference(b),
         "done": b.rows["line"].n_unique(), "count": sum(part.count for part in block.lines),
         "sets": [(part.arm, part.kind.replace("_", "-"), part.count) for part in block.lines],
-        "boards": [board for board in (durations(b, run), torques(b, run), plot_singularity(b, run)) if board is not None],
-        "tables": tables[:alone], "more": tables[alone:],
+        "boards": [board for board in (durations(b, run), torques(b, run)) if board is not None],
+        "tables": law_tables(b),
         "others": [table for table in (violations(b), plan_times(b), compared(b)) if table is not None],
         "example": example_boards(b, run),
     }  # fmt: skip
@@ -302,6 +252,5 @@ REPORT = KindReport(
     subjects,
     winners=winners,
     tables=make_line_tables,
-    findings=findings,
     limitations=limitations,
 )

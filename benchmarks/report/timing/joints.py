@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import polars as pl
-from scipy.ndimage import binary_dilation, label
 
 from benchmarks.blocks.base import BlockRows
 from benchmarks.report.base import Run
@@ -23,13 +22,11 @@ from benchmarks.report.boards import (
     figure,
     lean,
     level,
-    line,
     line_over,
     log_axis,
     vary,
 )
-from benchmarks.report.tables import number
-from benchmarks.report.timing.line import arm_of, detailed, law_control, limits_of, solved_of
+from benchmarks.report.timing.line import arm_of, detailed, law_control, limits_of
 from benchmarks.report.timing.tables import example_boards
 from optik.arm.robot import Robot
 from optik.types import Array
@@ -44,20 +41,11 @@ ALL_LAWS, ALL_JOINTS = "all laws", "all joints"
 IN_VIEW, WHOLE_CURVES = "limits in view", "whole curves"
 """Choices of the vertical range."""
 
-WHOLE_MOTION, MOTION_START, MOTION_END = "whole motion", "first 0.06 s", "last 0.06 s"
-"""Choices of the horizontal range."""
-
-END_SECONDS = 0.06
-"""Seconds at either end that a plot can zoom to: three of the paper's intervals."""
-
 OF_TORQUES = (
     " Torques are those of the arm's model, of a payload's interval the end that needs more; the rate of the torque is without "
     "Coulomb friction, which jumps where a joint starts, reverses or stops."
 )
 """Caption of the plots of torques."""
-
-FAR_BEYOND = 1.001
-"""Ratio to a limit from which a peak is named in words."""
 
 ENVELOPE = 15
 """Number of instants whose largest deviation is drawn: it is zero at the samples of the path and oscillates between them."""
@@ -74,33 +62,13 @@ JOINT_CURVES = {
 
 
 def motion(run: Run) -> dict[str, Any] | None:
-    """Return boards of joints, path and tool, and the figures that the plots clip."""
+    """Return boards of joints, path and tool."""
     found = detailed(run)
     rows, tool = (None, None) if found is None else (found.table("joints"), found.table("tool"))
     if rows is None or tool is None or found is None:
         return None
     boards = [_joint_board(found, rows, run), *example_boards(found, run), _tool_board(tool, run)]
-    return {"boards": boards, "notes": _beyond(found)}
-
-
-def _beyond(b: BlockRows) -> list[str]:
-    """Describe the values outside the plots, from the certificates."""
-    out = []
-    for row in solved_of(b):
-        words = [
-            f"the {field} of {row[f'{field}_joint']} reaches {number(row[field])} times its limit at "
-            f"t = {row[f'{field}_time']:.3f} s"
-            for field in ("acceleration", "jerk")
-            if row[field] is not None and FAR_BEYOND < row[field] < float("inf")
-        ]
-        if row["jerk"] is not None and np.isinf(row["jerk"]):
-            words.append(
-                "the acceleration is discontinuous, so the jerk is infinite there; the plot shows the finite jerk between. A "
-                f"controller at 1 kHz sees up to {number(row['sampled_jerk'])} rad/s³"
-            )
-        if words:
-            out.append(f"{row['method']}: " + "; ".join(words) + ".")
-    return out
+    return {"boards": boards}
 
 
 def _joint_board(b: BlockRows, rows: pl.DataFrame, run: Run) -> Board:
@@ -122,17 +90,13 @@ def _joint_board(b: BlockRows, rows: pl.DataFrame, run: Run) -> Board:
             when = {"law": [str(law), ALL_LAWS], "joint": [str(joint), ALL_JOINTS]}
             look = {"name": str(law), "line": {"color": run.colour(str(law))}}
             add(plot, trace, when, at={"law": [ALL_LAWS]}, look=look)
-        if column == "torque":
-            add_friction(plot, rows, joints)
         _bands(plot, ranges[column], column, joints)
         _whole_ranges(plot, rows, column, laws, joints)
-        _time_ranges(plot, rows, laws)
         plots.append(plot)
     controls = (
         law_control(laws, ALL_LAWS),
         Control.of("joint", "Joint", (ALL_JOINTS, *joints)),
         Control.of("range", "Vertical range", (IN_VIEW, WHOLE_CURVES)),
-        Control.of("time", "Time", (WHOLE_MOTION, MOTION_START, MOTION_END)),
     )
     instants = len(rows) // len(rows.unique(["law", "joint"]))
     return Board(
@@ -141,29 +105,6 @@ def _joint_board(b: BlockRows, rows: pl.DataFrame, run: Run) -> Board:
         "all. The peaks in the table below are exact, not from these instants."
         + (OF_TORQUES if "torque" in rows.columns else ""),
     )  # fmt: skip
-
-
-def add_friction(plot: Figure, rows: pl.DataFrame, joints: list[str]) -> None:
-    """Add the torques that Coulomb friction allows where a joint rests or reverses."""
-    for (law, joint), part in rows.group_by("law", "joint", maintain_order=True):
-        friction = float(part["coulomb"][0])
-        if friction == 0.0:
-            continue
-        t, torque, moved = part["t"].to_numpy(), part["torque"].to_numpy(), np.sign(part["dq"].to_numpy())
-        change = np.diff(moved) != 0.0
-        either = (moved == 0.0) | np.append(change, False) | np.append(False, change)
-        without, width = torque - friction * moved, friction * either
-        ends = np.where(either, without, torque)
-        of_run, count = label(binary_dilation(either))
-        runs = [np.flatnonzero(of_run == k) for k in range(1, count + 1)]
-        x = [[*t[run], *t[run[::-1]], np.nan] for run in runs]
-        y = [[*(ends + width)[run], *(ends - width)[run[::-1]], np.nan] for run in runs]
-        trace = line(
-            np.concatenate([[], *x]), np.concatenate([[], *y]), name="Coulomb friction either way", fill="toself",
-            hoverinfo="skip", opacity=0.3, line={"color": colour(joints.index(str(joint))), "width": 0},
-            fillcolor=colour(joints.index(str(joint))),
-        )  # fmt: skip
-        add(plot, trace, {"law": [str(law)], "joint": [str(joint)]})
 
 
 def _ranges(robot: Robot, limits: MotionLimits) -> dict[str, list[tuple[float, float] | None]]:
@@ -220,17 +161,6 @@ def _whole_ranges(plot: Figure, rows: pl.DataFrame, column: str, laws: list[str]
                 {"range": [WHOLE_CURVES], "law": [law], "joint": [joint]},
                 {"yaxis": {"range": lean([low - room, high + room]).tolist()}},
             )
-
-
-def _time_ranges(plot: Figure, rows: pl.DataFrame, laws: list[str]) -> None:
-    vary(plot, {"time": [MOTION_START]}, {"xaxis": {"range": [-0.05 * END_SECONDS, END_SECONDS]}})
-    for law in laws:
-        end = float(rows.filter(pl.col("law") == law)["t"].to_numpy().max())
-        vary(
-            plot,
-            {"time": [MOTION_END], "law": [law]},
-            {"xaxis": {"range": [end - END_SECONDS, end + 0.05 * END_SECONDS]}},
-        )
 
 
 def _tool_board(rows: pl.DataFrame, run: Run) -> Board:

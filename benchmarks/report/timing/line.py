@@ -229,11 +229,11 @@ ARM_INSTANTS = 251
 
 def line_in_space(run: Run) -> dict[str, Any] | None:
     """Show the path with its samples, and the arm along it under the time law that the reader chooses."""
-    found = detailed(run)
-    rows, tool = (None, None) if found is None else (found.table("joints"), found.table("tool"))
-    if rows is None or tool is None or found is None:
+    example = detailed(run)
+    rows, tool = (None, None) if example is None else (example.table("joints"), example.table("tool"))
+    if rows is None or tool is None or example is None:
         return None
-    robot, samples = arm_of(run, found), found.block.samples
+    robot, samples = arm_of(run, example), example.block.samples
     laws = law_control(rows["law"].unique(maintain_order=True).to_list())
     names = sorted((law for law, _ in laws.options), key=lambda law: law != laws.value)
     motions = {law: read_track(rows.filter(pl.col("law") == law), robot.n) for law in names}

@@ -10,7 +10,6 @@ import polars as pl
 
 from benchmarks.blocks.base import BlockRows
 from benchmarks.blocks.block import largest, mean, median, median_with_interval, quantile, share
-from benchmarks.blocks.contest import version_words
 from benchmarks.blocks.entries import JOINT_LIMITS, arm_label
 from benchmarks.blocks.timing.rows import NEARLY, ON_PATH_M, in_group
 from benchmarks.blocks.timing.settings import GIVEN_LINE
@@ -33,7 +32,7 @@ from benchmarks.report.boards import (
     log_axis,
     ticked_axis,
 )
-from benchmarks.report.tables import Cell, Column, Group, Table, quote_label, table_of
+from benchmarks.report.tables import VERSION_COLUMNS, Cell, Column, Group, Table, quote_label, table_of, version_cells
 from benchmarks.report.timing.line import law_table
 from optik.check import format_count
 from optik.registry import short_name
@@ -66,24 +65,13 @@ def _words(field: str) -> str:
 
 
 def law_tables(b: BlockRows) -> list[Table]:
-    """Return a table for each kind of line on all arms, then for each arm."""
-    whole, parts = [], []
-    for kind in b.block.kinds:
-        rows = in_group(b.rows, kind)
-        robots = rows["robot"].unique(maintain_order=True).to_list()
-        if not robots:
-            continue
-        words = kind.replace("_", "-")
-        whole.append(laws_table(b, rows, f"{b.block.title}, {words}: {', '.join(robots)}", slug(kind)))
-        if len(robots) > 1:
-            parts += [
-                laws_table(
-                    b, rows.filter(pl.col("robot") == robot), f"{b.block.title}, {words}: {robot} alone",
-                    f"{slug(kind)}-{slug(robot)}",
-                )
-                for robot in robots
-            ]  # fmt: skip
-    return whole + parts
+    """Return a table for each kind of line, on all arms."""
+    groups = [(kind, rows) for kind in b.block.kinds if len(rows := in_group(b.rows, kind))]
+    arms = {kind: ", ".join(rows["robot"].unique(maintain_order=True)) for kind, rows in groups}
+    return [
+        laws_table(b, rows, f"{b.block.title}, {kind.replace('_', '-')}: {arms[kind]}", slug(kind))
+        for kind, rows in groups
+    ]
 
 
 def laws_table(b: BlockRows, rows: pl.DataFrame, title: str, name: str) -> Table:
@@ -91,10 +79,10 @@ def laws_table(b: BlockRows, rows: pl.DataFrame, title: str, name: str) -> Table
     ms, fields, stretched = "ms", limited(rows), "kept_over_optimum"
     jerk, valid = "sampled_jerk", mean("holds", 100.0, among="solved")
 
-    def holds(own: pl.DataFrame) -> Cell:
-        if not b.entries[own["method"][0]]["enforced"] and own["solved"].any():
+    def holds(group: pl.DataFrame) -> Cell:
+        if not b.entries[group["method"][0]]["enforced"] and group["solved"].any():
             return "nothing enforced"
-        rate = valid(own)
+        rate = valid(group)
         return None if rate is None else f"{rate:.1f} %"
 
     columns = (
@@ -126,9 +114,9 @@ def laws_table(b: BlockRows, rows: pl.DataFrame, title: str, name: str) -> Table
     )  # fmt: skip
     groups: list[Group] = []
     for label, about in b.entries.items():
-        own = rows.filter(pl.col("method") == label)
+        group = rows.filter(pl.col("method") == label)
         missing = "absent" if "absent" in about else "not requested"
-        groups.append(({"label": label, "kept": missing}, None) if own.is_empty() else ({"label": label}, own))
+        groups.append(({"label": label, "kept": missing}, None) if group.is_empty() else ({"label": label}, group))
     return table_of(f"timing-{slug(b.block.id)}-{name}", title, columns, groups, _note(b, rows))
 
 
@@ -142,12 +130,12 @@ def _note(b: BlockRows, rows: pl.DataFrame) -> str:
     if "torque" in limited(rows):
         sentences.append(TORQUE_NOTE)
     for label, about in b.entries.items():
-        own = rows.filter((pl.col("method") == label) & pl.col("solved"))
+        solved = rows.filter((pl.col("method") == label) & pl.col("solved"))
         if "absent" in about:
             sentences.append(f"{label}: {about['absent']}.")
-        elif len(own) and not own["follows"].all():
-            sentences.append(f"{label}: {int((~own['follows']).sum()):,} motions leave the path or do not cover it.")
-        endless = own.filter(pl.col("least_duration").is_infinite())
+        elif len(solved) and not solved["follows"].all():
+            sentences.append(f"{label}: {int((~solved['follows']).sum()):,} motions leave the path or do not cover it.")
+        endless = solved.filter(pl.col("least_duration").is_infinite())
         if unbounded := len(endless.filter(pl.any_horizontal(pl.col(DERIVATIVES).is_infinite()))):
             sentences.append(f"{label}: jerk unbounded in {unbounded:,} motions; no time scaling meets a jerk limit.")
         if beyond := len(endless) - unbounded:
@@ -166,11 +154,11 @@ def violations(b: BlockRows) -> Table | None:
     """Return limit violations of every law: how often, by how much, and the duration without violations."""
     good = b.rows.filter(pl.col("solved") & (pl.col("entry") != "reference"))
     order = {label: i for i, label in enumerate(b.block.labels)}
-    found: list[tuple[dict[str, Cell], pl.DataFrame]] = []
+    groups: list[tuple[dict[str, Cell], pl.DataFrame]] = []
     for (label, limits), rows in good.group_by("method", "limits", maintain_order=True):
         if (rows["breaks"] != "").any():
-            found.append(({"label": str(label), "limits": str(limits)}, rows))
-    if not found:
+            groups.append(({"label": str(label), "limits": str(limits)}, rows))
+    if not groups:
         return None
     columns = [LAW_COLUMN, Column("limits", "Limits", show="text"), Column("count", "motions", show="count", of=len)]
     for field in limited(b.rows):
@@ -184,7 +172,7 @@ def violations(b: BlockRows) -> Table | None:
         Column("now", "median T", "s", show="precise", of=median("duration")),
         Column("least", least, "s", show="precise", of=median("least_duration", among=pl.col("breaks") != "")),
     ]
-    ordered = sorted(found, key=lambda group: (order[str(group[0]["label"])], str(group[0]["limits"])))
+    ordered = sorted(groups, key=lambda group: (order[str(group[0]["label"])], str(group[0]["limits"])))
     title = f"{b.block.title}: limit violations, enforced or not"
     return table_of(f"timing-{slug(b.block.id)}-violations", title, columns, ordered)
 
@@ -210,19 +198,12 @@ def plan_times(b: BlockRows) -> Table | None:
 
 def compared(b: BlockRows) -> Table:
     """Return the enforced limits of each law and peer, its version and its settings."""
-    columns = (
-        LAW_COLUMN,
-        Column("promises", "enforces", show="text"),
-        Column("version", "version", show="text"),
-        Column("settings", "settings", show="text"),
-    )
+    columns = (LAW_COLUMN, Column("promises", "enforces", show="text"), *VERSION_COLUMNS)
     rows = [
-        {
-            "label": label, "promises": ", ".join(k.replace("_", " ") for k in about["enforced"]) or "nothing",
-            "version": version_words(about), "settings": about["settings"],
-        }
+        version_cells(about)
+        | {"label": label, "promises": ", ".join(k.replace("_", " ") for k in about["enforced"]) or "nothing"}
         for label, about in b.entries.items()
-    ]  # fmt: skip
+    ]
     title = f"{b.block.title}: versions and settings"
     return Table(f"timing-{slug(b.block.id)}-compared", title, columns, tuple(rows))
 
@@ -338,17 +319,13 @@ def torques(b: BlockRows, run: Run) -> Board | None:
     groups = [EVERY, *b.block.arms] if len(b.block.arms) > 1 else [EVERY]
     for field in fields:
         words, ticks = field.replace("_", " "), RATIO_TICKS if field == "torque" else RATE_TICKS
-        beyond = {
-            "type": "line", "xref": "x", "yref": "paper", "x0": 1, "x1": 1, "y0": 0, "y1": 1,
-            "line": {"color": ALARM_COLOUR, "width": 1, "dash": "dash"},
-        }  # fmt: skip
         ratio = pl.col(field).clip(LEAST_RATIO, MOST_RATIO)
-        plots.append(fraction_plot(
+        plot = fraction_plot(
             f"timing-{field.replace('_', '-')}", f"Motions whose {words} stays within this multiple of its limit",
             ticked_axis(f"largest {words} / limit", ticks, range=_find_plot_range(b.rows[field])), "motions",
             PATHS_WITHIN + "times the limit", _samples(b, run, b.rows.filter("solved"), groups, ratio), 400,
-            shapes=[beyond],
-        ))  # fmt: skip
+        )  # fmt: skip
+        plots.append(plot.add_vline(1.0, line={"color": ALARM_COLOUR, "width": 1, "dash": "dash"}))
     return Board(
         f"{b.block.id}-torques", tuple(plots), (Control("group", "Arm", tuple((g, g) for g in groups)),) if groups[1:] else (),
         "Motions before time scaling: the worst joint of each, proved for every instant, for the arm's model. Right of the "
@@ -361,38 +338,6 @@ def _find_plot_range(values: pl.Series) -> list[float]:
     """Return the decades that contain all plotted values, and the limit with some margin beyond it."""
     drawn = np.clip(values.drop_nulls().to_numpy(), LEAST_RATIO, MOST_RATIO)
     return [float(np.log10(0.9 * min(drawn.min(), 1.0))), float(np.log10(1.2 * max(drawn.max(), 1.0)))]
-
-
-def _path_words(robot: str, kind: str, index: int) -> str:
-    """Name a path, counted from 1."""
-    return f"{robot}, {kind.replace('_', '-')} path {index + 1}"
-
-
-def plot_singularity(b: BlockRows, run: Run) -> Board:
-    """Plot durations and their ratio to T* over the smallest singular value on the path."""
-    across = ticked_axis("smallest singular value on the path", (0.02, 0.03, 0.05, 0.1, 0.2, 0.3))
-    seconds = ticked_axis("T [s]", (0.2, 0.3, 0.5, 1, 2, 3, 5, 10))
-    plots = (
-        figure("timing-sigma-duration", "Duration", across, seconds, 400),
-        figure("timing-sigma-ratio", "Duration / T*", across, ticked_axis("T / T*", RATIO_TICKS), 400),
-    )
-    for (label, limits), rows in b.rows.filter("solved").group_by("method", "limits", maintain_order=True):
-        if str(label) not in b.entries:
-            continue
-        for plot, column in zip(plots, ("duration", "over_optimum"), strict=True):
-            marker = {"color": run.colour(str(label)), "size": 5, "opacity": 0.75, "symbol": run.symbol(str(label))}
-            trace = line(
-                rows["singular_value"], rows[column], digits=5, mode="markers", name=str(label), marker=marker,
-                text=[_path_words(*key) for key in rows.select("robot", "kind", "index").iter_rows()],
-                hover=f"{label}<br>%{{text}}<br>σ = %{{x:.3g}}: %{{y:.4g}}",
-            )  # fmt: skip
-            add(plot, trace, {"limits": [str(limits)]})
-    controls = (Control.of("limits", "Limits [rad/s, rad/s², rad/s³]", [part.label for part in b.block.limits]),)
-    return Board(
-        f"{b.block.id}-singularity", plots, controls,
-        "One point for each path and law. A law with one bound for the whole path is limited by the worst position along it, "
-        "so it is slower at the left, near a singularity.",
-    )  # fmt: skip
 
 
 _METRES, _RADIANS = (1e3, "mm"), (1.0, "rad")
