@@ -90,7 +90,7 @@ def _add_defaults(app: object, what: str, name: str, thing: Any, options: object
 
 
 def _plain_types(app: object, what: str, name: str, found: object, options: object, lines: list[str]) -> None:
-    """Show types of attributes as words, not as links: "(N, n) array" names nothing; and part "a, b" into two."""
+    """Show types of attributes as words, not as links: "(N, n) array" names nothing; part "a, b", and write -- as a dash."""
     types = {match[1]: match[2] for line in lines if (match := _TYPE.fullmatch(line))}
     shown = []
     for line in lines:
@@ -100,7 +100,7 @@ def _plain_types(app: object, what: str, name: str, found: object, options: obje
             *others, last = match[1].split(", ")
             shown += [f":ivar {other}:" for other in others]
             line = f":ivar {last}: *{types[match[1]]}*. {match[2]}" if match[1] in types else line
-        shown.append(line)
+        shown.append(line.replace(" -- ", " – "))  # of Napoleon, between a parameter and its words
     lines[:] = shown
 
 
