@@ -79,7 +79,7 @@ def plan(
     winding : {"nearest", "exact"}
         Whether joints without limits may end whole turns away from a goal configuration: "nearest", or not: "exact".
     resolve : {"auto", "local"}
-        "auto" searches sequences of configurations and freedoms along the whole path where following it fails; "local" does not.
+        Where following fails, "auto" searches sequences of configurations and freedoms along the path; "local" does not.
     time_limit : float, optional
         Largest computing time of this search [s]. A budget of configurations always limits it.
     reconfigurations : int
