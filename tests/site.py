@@ -1,7 +1,7 @@
 """Check the built site: ``python -m tests.site FOLDER``; ``make docs`` calls it after the build.
 
 Each file of docs has its heading in a page of its own, each public object has one page, internal links and their anchors
-exist, and no script, style, font or picture comes from elsewhere.
+exist, no script, style, font or picture comes from elsewhere, and options of commands begin with two hyphens.
 """
 
 from __future__ import annotations
@@ -70,6 +70,10 @@ def find_faults(site: Path) -> list[str]:
     for file, page in pages.items():
         where = file.relative_to(site.resolve())
         faults += [f"{where}: loads {source}" for source in page.sources if re.match(r"(https?:)?//", source)]
+        text = file.read_text(encoding="utf-8")
+        faults += [
+            f"{where}: {word}, which begins with a dash for --" for word in re.findall(r"[\s>(](–[a-z][\w-]*)", text)
+        ]
         for link in page.links:
             path, anchor = urldefrag(link)
             if re.match(r"[a-z]+:", link):

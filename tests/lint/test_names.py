@@ -16,7 +16,6 @@ APART = {
 """Names that stood in sight of each other with two meanings."""
 SHARED = {
     "the sections of a kind of block in the report, each in the file of its kind": {
-        "findings",
         "limitations",
         "tables",
         "winners",
