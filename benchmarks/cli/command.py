@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import MISSING, dataclass, field, fields
 from difflib import get_close_matches
 from enum import Enum
@@ -151,6 +153,17 @@ def name_options(words: str) -> str:
 
 
 out_console, err_console = (Console(stderr=error, markup=False, highlight=False) for error in (False, True))
+
+
+def has_live_display() -> bool:
+    """Return whether the error stream shows what changes in place: FORCE_COLOR and a notebook's cell do not."""
+    return err_console.file.isatty() and not err_console.is_dumb_terminal and "JPY_PARENT_PID" not in os.environ
+
+
+def show_status(words: str) -> AbstractContextManager[object]:
+    """Show what is being done, where the display is live."""
+    return err_console.status(words) if has_live_display() else nullcontext()
+
 
 PANELS = ("Options", "Path", "Target", "Task", "With --on ros", "Robot", "Method", "Limits", "Scene", "Output")
 """Panels of the help, in their order."""

@@ -18,7 +18,16 @@ from urllib.parse import urlsplit
 import typer
 from rich.table import Table
 
-from benchmarks.cli.command import JsonCommand, argument, err_console, option, out_console, print_json
+from benchmarks.cli.command import (
+    JsonCommand,
+    argument,
+    err_console,
+    has_live_display,
+    option,
+    out_console,
+    print_json,
+    show_status,
+)
 from optik.errors import InvalidInput
 
 if TYPE_CHECKING:
@@ -140,7 +149,7 @@ class DemoCommand(JsonCommand):
         from benchmarks.report import write_report
 
         folder = RunCommand(suite="paper", out=self.out, workers=self.workers).run_with_progress()
-        with err_console.status("writing the report"):
+        with show_status("writing the report"):
             page = write_report(folder)
         findings = judge_claims(folder)
         if self.as_json:
@@ -201,7 +210,7 @@ def make_progress(clock: Callable[[], float] = time.monotonic) -> Progress:
     progress = Progress(
         what, *bar, MofNCompleteColumn(), TextColumn("{task.fields[left]}"), console=err_console, transient=True,
         expand=True, speed_estimate_period=SPEED_SECONDS, get_time=clock,
-        disable=not err_console.is_terminal or err_console.is_dumb_terminal,
+        disable=not has_live_display(),
     )  # fmt: skip
     progress.add_task("compiling", total=None, left="")
     return progress
@@ -272,7 +281,7 @@ class ReportCommand(JsonCommand):
         columns = [key for key in map(str.strip, self.columns.split(",")) if key]
         if columns and not {ReportFormat.MD, ReportFormat.CSV, ReportFormat.TEX} & set(formats):
             raise InvalidInput("--columns", repr(self.columns), "--format md, csv or tex")
-        with err_console.status("writing the report"):
+        with show_status("writing the report"):
             written = {one: self._write(one, RunFolder(self.folder), columns) for one in formats}
         files = [str(path) for paths in written.values() for path in paths]
         if self.as_json:
