@@ -1,5 +1,6 @@
 """Settings of the documentation site: ``make docs`` builds it with warnings as errors."""
 
+import inspect
 import os
 import re
 import sys
@@ -26,7 +27,7 @@ html_title = f"optik {release}"
 extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx_copybutton", "sphinx_design"]
 exclude_patterns = ["_build"]
 source_suffix = {".md": "myst-nb"}
-smartquotes_action = "D"  # dashes only: q' is a derivative
+smartquotes = False  # q' is a derivative, and -- begins an option
 html_math_renderer = "mathml"
 
 nb_execution_mode = "force"
@@ -68,8 +69,28 @@ def _escape_bars(app: object, what: str, name: str, found: object, options: obje
     lines[:] = [line.replace("|", "\\|") for line in lines]
 
 
+def _add_defaults(app: object, what: str, name: str, thing: Any, options: object, lines: list[str]) -> None:
+    """Add the defaults of the signature to the types of the parameters."""
+    try:
+        parameters = inspect.signature(thing).parameters
+    except (TypeError, ValueError):  # no signature, such as that of a module
+        return
+    titles = {i - 1: lines[i - 1] for i, line in enumerate(lines) if i and re.fullmatch("-{3,}", line)}
+    section = ""
+    for i, line in enumerate(lines):
+        section = titles.get(i, section)
+        names = line.partition(" : ")[0].split(", ")
+        if section == "Parameters" and " : " in line and not line.startswith(" ") and {*names} <= {*parameters}:
+            defaults = {
+                repr(parameters[n].default) for n in names if parameters[n].default is not inspect.Parameter.empty
+            }
+            if len(defaults) == 1 and defaults != {"None"}:
+                default = defaults.pop().replace("'", '"')
+                lines[i] = f"{line.removesuffix(', optional')}, default {default}"
+
+
 def _plain_types(app: object, what: str, name: str, found: object, options: object, lines: list[str]) -> None:
-    """Show types of attributes as words, not as links: "(N, n) array" names nothing; and part "a, b" into two."""
+    """Show types of attributes as words, not as links: "(N, n) array" names nothing; part "a, b", and write -- as a dash."""
     types = {match[1]: match[2] for line in lines if (match := _TYPE.fullmatch(line))}
     shown = []
     for line in lines:
@@ -79,7 +100,7 @@ def _plain_types(app: object, what: str, name: str, found: object, options: obje
             *others, last = match[1].split(", ")
             shown += [f":ivar {other}:" for other in others]
             line = f":ivar {last}: *{types[match[1]]}*. {match[2]}" if match[1] in types else line
-        shown.append(line)
+        shown.append(line.replace(" -- ", " – "))  # of Napoleon, between a parameter and its words
     lines[:] = shown
 
 
@@ -118,5 +139,6 @@ def setup(app: Sphinx) -> None:
     app.connect("config-inited", _write_pages)
     app.connect("source-read", _list_reference)
     app.connect("autodoc-process-docstring", _escape_bars, priority=100)
+    app.connect("autodoc-process-docstring", _add_defaults, priority=200)
     app.connect("autodoc-process-docstring", _plain_types, priority=900)
     app.connect("autodoc-skip-member", _skip_fields)

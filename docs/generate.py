@@ -1,4 +1,4 @@
-"""Pages of the site that are made of the code: one for each public object, the command line, and the gallery of examples.
+"""Pages of the site that are made of the code: one for each public object and command, and the gallery of examples.
 
 ``make docs`` calls `write_pages`; the pages are in docs/generated, which git ignores.
 """
@@ -34,7 +34,7 @@ ARGUMENTS = {"batch": ["3000"]}
 def write_pages() -> None:
     """Write all generated pages anew."""
     shutil.rmtree(OUT, ignore_errors=True)
-    for folder in ("reference", "gallery", "static"):
+    for folder in ("reference", "commands", "gallery", "static"):
         (OUT / folder).mkdir(parents=True)
     (OUT / "static" / "plotly.min.js").write_text(get_plotlyjs(), encoding="utf-8")  # no page loads it from elsewhere
     examples = find_examples()
@@ -42,7 +42,7 @@ def write_pages() -> None:
         for _, _, name, thing in list_objects(page.read_text(encoding="utf-8")):
             text = describe_object(name, thing, examples.get(name.rpartition(".")[2], []))
             (OUT / "reference" / f"{name}.md").write_text(text, encoding="utf-8")
-    (OUT / "command_line.md").write_text(describe_command_line(), encoding="utf-8")
+    write_command_line()
     write_gallery()
 
 
@@ -88,27 +88,32 @@ def list_reference(text: str) -> str:
 
 
 def find_examples() -> dict[str, list[tuple[str, str]]]:
-    """Return for each called name the code blocks of the documentation that call it: page and code, the shortest first."""
+    """Return the code blocks that call a name, with their pages: that of the README, then the shortest, plug-ins last."""
     found: dict[str, list[tuple[str, str]]] = {}
-    for page in sorted(DOCS.glob("*.md")):
+    for page in (ROOT / "README.md", *sorted(DOCS.glob("*.md"))):
         for code in re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), flags=re.S):
             for name in set(re.findall(r"\b(\w+)\(", code)) | set(re.findall(r"\b([A-Z]\w+)\.", code)):
                 found.setdefault(name, []).append((page.stem, code))
-    return {name: sorted(blocks, key=lambda block: block[1].count("\n")) for name, blocks in found.items()}
+
+    def rank(block: tuple[str, str]) -> tuple[bool, bool, int]:
+        page, code = block
+        return page != "README", '"./' in code, code.count("\n")
+
+    return {name: sorted(blocks, key=rank) for name, blocks in found.items()}
 
 
 def describe_object(name: str, thing: Any, examples: list[tuple[str, str]]) -> str:
-    """Return the page of an object: its documentation, an example, and the pages that use it."""
+    """Return the page of an object: an example, its documentation, and the pages that use it."""
     directive = ".. autoclass::" if inspect.isclass(thing) else ".. autofunction::"
     members = (
         "\n   :members:\n   :inherited-members: object, tuple, str, Exception, LookupError, ABC"
         if inspect.isclass(thing)
         else ""
     )
-    text = f"# {name}\n\n```{{eval-rst}}\n{directive} {name}{members}\n```\n"
-    if short := [code for _, code in examples if code.count("\n") <= MOST_EXAMPLE_LINES][:1]:
-        text += f"\n## Example\n\n```python\n{short[0]}```\n"
-    if pages := sorted({page for page, _ in examples}):
+    short = [code for _, code in examples if code.count("\n") <= MOST_EXAMPLE_LINES][:1]
+    example = f"For example:\n\n```python\n{short[0]}```\n\n" if short else ""
+    text = f"# {name}\n\n{example}```{{eval-rst}}\n{directive} {name}{members}\n```\n"
+    if pages := sorted({page for page, _ in examples} - {"README"}):
         text += f"\nUsed in: {', '.join(f'[{page}](../../{page}.md)' for page in pages)}.\n"
     return text
 
@@ -116,26 +121,36 @@ def describe_object(name: str, thing: Any, examples: list[tuple[str, str]]) -> s
 # ---------------------------------------------------------------- the command line
 
 
-def describe_command_line() -> str:
-    """Return the page of all commands, with their options in the order of their panels."""
+def write_command_line() -> None:
+    """Write the list of all commands, and a page for each."""
     from benchmarks.cli.app import app
 
-    text = "# Command line\n\nEach command prints this with `--help`.\n"
+    rows = pages = ""
     for words, command in walk("optik", typer.main.get_command(app)):
-        text += f"\n## {words}\n\n{inspect.cleandoc(command.help or '')}\n"
-        if command.epilog:
-            text += f"\n{command.epilog}\n"
-        panels: dict[str, list[str]] = {}
-        for p in command.params:
-            panel = getattr(p, "rich_help_panel", None) or (
-                "Arguments" if p.param_type_name == "argument" else "Options"
-            )
-            typed = ", ".join(f"`{flag}`" for flag in p.opts) if p.param_type_name == "option" else f"`{p.metavar}`"
-            default = "required" if p.required else "" if p.default in (None, "", False, ()) else f"`{p.default}`"
-            words_of = " ".join((getattr(p, "help", "") or "").split()).replace("|", "\\|")
-            panels.setdefault(panel, []).append(f"| {typed} | {words_of} | {default} |\n")
-        for panel, rows in panels.items():
-            text += f"\n**{panel}**\n\n| | | default |\n|---|---|---|\n{''.join(rows)}"
+        name = words.removeprefix("optik ").replace(" ", "_")
+        (OUT / "commands" / f"{name}.md").write_text(describe_command(words, command), encoding="utf-8")
+        first = " ".join(inspect.cleandoc(command.help or "").partition("\n\n")[0].split())
+        rows += f"| [`{words}`](commands/{name}.md) | {first} |\n"
+        pages += f"commands/{name}\n"
+    text = f"Each command prints its page with `--help`.\n\n| | |\n|---|---|\n{rows}"
+    toctree = f"```{{toctree}}\n:hidden:\n\n{pages}```\n"
+    (OUT / "command_line.md").write_text(f"# Command line\n\n{text}\n{toctree}", encoding="utf-8")
+
+
+def describe_command(words: str, command: Any) -> str:
+    """Return the page of a command, with its options in the order of their panels."""
+    text = f"# {words}\n\n{inspect.cleandoc(command.help or '')}\n"
+    if command.epilog:
+        text += f"\n{command.epilog}\n"
+    panels: dict[str, list[str]] = {}
+    for p in command.params:
+        panel = getattr(p, "rich_help_panel", None) or ("Arguments" if p.param_type_name == "argument" else "Options")
+        typed = ", ".join(f"`{flag}`" for flag in p.opts) if p.param_type_name == "option" else f"`{p.metavar}`"
+        default = "required" if p.required else "" if p.default in (None, "", False, ()) else f"`{p.default}`"
+        words_of = " ".join((getattr(p, "help", "") or "").split()).replace("|", "\\|")
+        panels.setdefault(panel, []).append(f"| {typed} | {words_of} | {default} |\n")
+    for panel, rows in panels.items():
+        text += f"\n**{panel}**\n\n| | | default |\n|---|---|---|\n{''.join(rows)}"
     return text
 
 

@@ -46,41 +46,50 @@ def plan(
     Parameters
     ----------
     robot : Robot
-        The arm.
+        Arm.
     path : Path, Program, (4, 4) array, or (n,) array
-        The path of the tool. A pose means the line to it; joints [rad, m] the line in joint space; a `Program` many parts.
+        Path of the tool; or a pose, for the straight line to it; or joints [rad, m], for the straight line in joint space.
     q_start : (n,) array, optional
         Configuration at the path's start [rad, m]; by default the best one there.
-    solver, timing : str, path, type, or IKSolver and TimeLaw
-        A name, a file (``"./jt.py"``), a class, or an object, such as ``make_law("constant_speed", speed=0.1)``.
+    solver : str, path, type, or IKSolver
+        Method of inverse kinematics: a name, a file, a class, or an object.
+    timing : str, path, type, or TimeLaw
+        Time law: a name, a file, a class, or an object, such as ``make_law("constant_speed", speed=0.1)``.
     limits : MotionLimits, optional
-        By default the robot's own. A plan that exceeds a limit given here is invalid, even if its law does not enforce it.
-    samples, branch : int, and {"start", "best"}, optional
-        Equally spaced samples of the path. Keep the branch of ``q_start``, the default with one, or choose branch and winding.
-    duration, strict : float, optional, and bool
-        Duration [s] to which the law's motion is stretched, or shortened if the law enforces no limit; a tool speed that is set
-        in the law must stay the same. Refuse a motion that exceeds a limit enforced by its law, instead of stretching it.
-    tolerance, rate : Tolerance or (2,) tuple of float, and float
-        Largest distance [m] and angle [rad] between tool and path of a valid motion; the controller's rate [1/s].
-    scene : Scene, optional
-        Obstacles for an arm with shapes, and the margin to them. The motion is proved to be collision-free at every instant,
-        also between its links (`Certificate.clearance`). An empty scene examines the links alone.
+        By default the robot's own. Limits that are given here must be respected, even if the law does not enforce them.
+    samples : int
+        Number of equally spaced positions on the path, both ends included, that the method of inverse kinematics solves.
+    branch : {"start", "best"}, optional
+        "start", the default with a ``q_start``, keeps its branch. "best" chooses the branch and the whole turns of the joints.
+    rate : float
+        Rate of the controller [1/s], for `Certificate.sampled_jerk`.
+    duration : float, optional
+        Duration [s] of the motion. Only the motion of a law that enforces no limit is shortened to it.
+    strict : bool
+        Whether a motion that exceeds a limit that its law enforces is refused. By default it is stretched.
+    tolerance : Tolerance, or (2,) tuple of float
+        Largest distance [m] and angle [rad] between tool and path of a valid motion.
     allow : {"limits", "jerk"}, or both
-        Permit given limits that the law does not enforce to be exceeded: ``"jerk"``, and ``"limits"`` for all others.
+        Given limits that the motion may exceed where the law does not enforce them: "jerk", or "limits" for all others.
+    scene : Scene, optional
+        Obstacles and the margin to them. The motion is proved to be collision-free at every instant, also between the links.
     avoid : bool, or str, path, type or Search
-        Search a way around obstacles to joints, any configuration of a pose or along a `PointToPoint`, or use the freedoms of
-        a `FreePath`. A name, a file or a built search (`planners.find_path`) replaces the default one.
+        Whether to search a way around obstacles: to a goal, along a `PointToPoint`, or with the freedoms of a path. A
+        name, a file, a class or an object chooses the search.
     winding : {"nearest", "exact"}
-        For a goal configuration: "nearest" lets joints without limits end whole turns away from it (`Plan.goal`); "exact" not.
-    resolve, time_limit, reconfigurations : {"auto", "local"}, float, optional, and int
-        Where following fails, "auto" searches sequences of configurations and freedoms along the whole path, within a budget of
-        configurations; "local" does not. `time_limit` [s] also limits the computing time of this search. `reconfigurations` is
-        how often the tool may leave the path for another configuration; if it does, the result is a `ProgramPlan`.
+        Whether joints without limits may end whole turns away from a goal configuration: "nearest", or not: "exact".
+    resolve : {"auto", "local"}
+        Where following fails, "auto" searches sequences of configurations and freedoms along the path; "local" does not.
+    time_limit : float, optional
+        Largest computing time of this search [s]. A budget of configurations always limits it.
+    reconfigurations : int
+        How often the tool may leave the path to continue in another configuration. If it does, the result is a `ProgramPlan`.
 
     Returns
     -------
     Plan
-        On failure with a `Plan.failure`: path parameter, reason and advice. A `ProgramPlan` for a `Program`.
+        It is false without a valid motion; then `Plan.failure` has the path parameter, the reason and advice. For a
+        `Program` it is a `ProgramPlan`.
 
     Raises
     ------

@@ -9,7 +9,11 @@ import sys
 from pathlib import Path
 
 import pytest
+import typer
 
+import planners
+from benchmarks.cli.app import app
+from docs.generate import describe_object, find_examples, walk
 from optik.registry import own_names
 from planners.limits import ALL_LIMITS
 
@@ -22,6 +26,19 @@ def test_the_readme_s_python_runs() -> None:
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("True ")
+
+
+def test_the_page_of_plan_begins_with_the_readme_s_python() -> None:
+    (code,) = re.findall(r"```python\n(.*?)```", TEXT, flags=re.S)
+    page = describe_object("planners.plan", planners.plan, find_examples()["plan"])
+    assert page.startswith(f"# planners.plan\n\nFor example:\n\n```python\n{code}```\n")
+    assert "./" not in page.partition("Used in")[0]
+
+
+def test_every_command_has_a_page_and_is_in_the_help() -> None:
+    command = typer.main.get_command(app)
+    pages = {words.split()[1] for words, _ in walk("optik", command)}
+    assert pages == set(command.commands) >= {"plan", "stream"}  # type: ignore[attr-defined]
 
 
 PAGES = """

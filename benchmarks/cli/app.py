@@ -36,7 +36,7 @@ from optik.errors import InvalidMotion, NoSolution, OptikError, OutputError
 from optik.plugins import files
 
 COMMAND_PANELS = {
-    "First steps": ("robots", "ik", "fk", "plan"), "Motions": ("program", "certify", "view", "drive", "cell"),
+    "First steps": ("robots", "ik", "fk", "plan"), "Motions": ("program", "certify", "view", "drive", "stream", "cell"),
     "Comparison of methods": ("demo", "bench"), "Installation": ("doctor", "kernels"),
 }  # fmt: skip
 """Panels of the help with their commands: first what a user needs first."""

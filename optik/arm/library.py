@@ -270,15 +270,23 @@ def load(
         follow its path: ``"./arm.urdf#tip=tool0&base=base_link&gravity=0,0,-1"``, ``shapes=yes`` to read its <collision>
         elements, with ``packages=FOLDER`` for a folder of packages, ``srdf=FILE``, ``without_shape=LINK,LINK``,
         ``hold=JOINT:VALUE,JOINT:VALUE``, and arguments of xacro.
-    tip, base, values, without_shape : str, str, mapping of str to float, and sequence of str, optional
-        For a URDF, as in `Robot.from_urdf`.
+    tip : str, optional
+        Link of the tool of a URDF, as in `Robot.from_urdf`.
+    base : str, optional
+        Link of the base frame of a URDF; by default its root.
+    values : mapping of str to float, optional
+        Values at which joints of a URDF beside the chain are held [rad, m].
     gravity : (3,) array, optional
         Direction of gravity in the base frame [1], in place of the file's.
     shapes : bool, optional
         Whether the <collision> elements of a URDF are read; by default as the options behind its path say, or if one of
         the arguments about them is given: ``without_shape``, ``package_dirs``, ``srdf``.
-    package_dirs, srdf : mapping of str to path or sequence of paths, and str or path, optional
-        For a URDF, as in `Robot.from_urdf`; the packages are those of xacro, too.
+    without_shape : sequence of str, optional
+        Links of a URDF whose <collision> is not read.
+    package_dirs : mapping of str to path, or sequence of paths, optional
+        Folders of the packages that a URDF or xacro file names, as in `Robot.from_urdf`.
+    srdf : str or path, optional
+        SRDF of a URDF, as in `Robot.from_urdf`.
 
     Returns
     -------

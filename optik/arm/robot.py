@@ -239,14 +239,17 @@ class Robot(ArmDynamics):
         tip : str, optional
             Link of the tool; by default the end of the longest chain, before a hand: ``tool0``, else ``flange``, else its
             only end, else the last link before the hand; `print` shows it. If no rule decides, the error lists the links.
-        base, name : str, optional
-            Link of the base frame, by default the root; name of the arm, by default the file's.
+        base : str, optional
+            Link of the base frame; by default the root.
+        name : str, optional
+            Name of the arm; by default that of the file.
         gravity : (3,) array, optional
             Direction of gravity in the base frame [1]; by default −z of the root link, turned through the joints before the
             base, which stand at 0. If one of them moves, a MovingMountWarning names it.
-        shapes, package_dirs : bool, and mapping of str to path or sequence of paths, optional
-            Enclose the <collision> elements by capsules; by default not. Folders of their meshes besides the file's own:
-            {package: folder}, or folders that contain packages; a package is also found above the file, and beside that.
+        shapes : bool
+            Whether capsules that enclose the <collision> elements are computed.
+        package_dirs : mapping of str to path, or sequence of paths, optional
+            Folders of meshes: {package: folder}, or folders that contain packages. A package above the file is also found.
         srdf : str or path, optional
             File, or its text, whose ``disable_collisions`` name links that are not checked against each other.
         values : mapping of str to float, optional

@@ -48,9 +48,9 @@ class LM(IKSolver):
 
     An attempt ignores the joint limits until it meets the target. Multiples of 2π then bring the joints inside the limits;
     if that is impossible, the configuration is clamped and the iteration continues inside the limits. An attempt that
-    stalls ends early. The next ones start from those of 256 seeds whose poses are nearest to the target. The damping is
-    that of Sugihara (2011) with a negligible constant part. For complete poses one compiled kernel checks the arguments,
-    solves, and verifies the solution.
+    stalls ends early. The next ones start from seeds: first from the 16 of 256 whose poses are nearest to the target. The
+    damping is that of Sugihara (2011) with a negligible constant part. For complete poses one compiled kernel checks the
+    arguments, solves, and verifies the solution.
 
     Parameters
     ----------

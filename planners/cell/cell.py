@@ -413,8 +413,12 @@ class Cell(Equipment):
             Number of correction passes; each measures the residual by the laser unit and moves the tool by it.
         readings : int
             Number of readings of the tool for each correction, which are averaged.
-        timing, solver, samples
-            Law, IK method and samples of the line, as for `planners.plan`.
+        timing : str, path, type, or TimeLaw
+            Time law of the line, as for `planners.plan`.
+        solver : str, path, type, or IKSolver
+            IK method.
+        samples : int
+            Number of equally spaced positions of the line that the IK method solves.
         plane : Plane, optional
             Plane of the spot. Ranges are then not used: spot and tool are the intersections of beam and plane, and
             corrections are along the plane.

@@ -256,10 +256,14 @@ def certify(
     path : Path, or (k, 4, 4) array, or None
         Path of the tool; or waypoints [m] of a sharp polyline that it must follow within ``tolerance``, whose angle π leaves
         the rotation free; or None for a joint motion. In the last two cases path parameters are times.
-    trajectory, limits : Trajectory, and MotionLimits, optional
-        The motion and its limits, by default the robot's own.
-    law, enforced : str, and tuple of str, optional
-        Name of the law, and the limits that it enforces; by default all kinds that ``limits`` has, given or free.
+    trajectory : Trajectory
+        Joints over time [rad, m].
+    limits : MotionLimits, optional
+        Limits of the motion; by default the robot's own.
+    law : str
+        Name of the law, for the record.
+    enforced : tuple of str, optional
+        Limits that a valid motion must respect; by default all kinds that ``limits`` has.
     rate : float
         The controller's rate [1/s], for `Certificate.sampled_jerk`.
     tolerance : (2,) tuple of float, optional

@@ -31,7 +31,7 @@ class Combination(Record):
     matrix : (k, n) tuple of tuples
         One row for each combination [1].
     bound : (k,) tuple of float
-        Greatest absolute values [as the limit's units]; infinite where free.
+        Greatest absolute values [as the limit's units]; infinite without a limit.
     names : (k,) tuple of str, optional
         Names of the combinations; by default combination1 and so on.
     """

@@ -150,7 +150,7 @@ class Limit(ABC):
         Returns
         -------
         (n,) array, (2, n) for a pair, or (1,) for a limit of the whole arm
-            [as `units`], infinity where free; read-only.
+            [as `units`], infinity without a limit; read-only.
 
         Raises
         ------
@@ -336,7 +336,7 @@ class Limit(ABC):
         Returns
         -------
         (pieces, m) array
-            Ratios [1]; 0 where free.
+            Ratios [1]; 0 without a limit.
         """
 
     def excess(self, motion: LimitedMotion, limit: Any) -> Array:

@@ -59,7 +59,7 @@ def _find_records(robot: Robot) -> dict[str, Any]:
 
 @dataclass(frozen=True, eq=False)
 class MotionLimits(ByContent):
-    """Limits of a motion, per joint; None where free.
+    """Limits of a motion; None where it is not limited.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ class MotionLimits(ByContent):
     def of(robot: Robot, **given: Any) -> MotionLimits:
         """Return the robot's own limits, replaced by the given limits, as on the command line.
 
-        The constructor does not read the robot: a limit that is not given to it is free.
+        The constructor of `MotionLimits` does not read the robot: a quantity for which it gets no limit is not limited.
 
         Parameters
         ----------
@@ -136,7 +136,8 @@ class MotionLimits(ByContent):
         Returns
         -------
         MotionLimits
-            Its limits on velocity, acceleration and jerk; with known masses also those on torque and torque rate.
+            The limits of the robot's model on velocity, acceleration and jerk, and further ones that it has, such as
+            ``velocity_by_position`` and those of motors. With known masses also those on torque and torque rate.
         """
         names = (*DERIVATIVES, *LOADED) if robot.inertia is not None else DERIVATIVES
         own = {name: getattr(robot.limits, name) for name in names} | _find_records(robot)
@@ -172,7 +173,7 @@ class MotionLimits(ByContent):
         Returns
         -------
         float, (n,), (2,) or (2, n) array, or None
-            In the limit's units; the last two for a pair, lower first; None where free.
+            In the limit's units; the last two for a pair, lower first; None if there is no limit.
         """
         return getattr(self, name) if name in ALL_LIMITS else (self.extra or {}).get(name)
 
@@ -188,7 +189,7 @@ class MotionLimits(ByContent):
         -------
         dict of arrays
             By name: (n,), (2, n) for a pair, lower first, or (1,) for limits of the whole arm [as the limit's units],
-            infinity where free, read-only; or a record.
+            infinity without a limit, read-only; or a record.
 
         Raises
         ------
@@ -211,7 +212,7 @@ class MotionLimits(ByContent):
         Returns
         -------
         dict of (n,) arrays
-            By name [rad/s, rad/s², rad/s³, or m]; infinity where free; for a pair the side nearer to zero.
+            By name [rad/s, rad/s², rad/s³, or m]; infinity without a limit; for a pair the side nearer to zero.
 
         Raises
         ------
@@ -303,7 +304,7 @@ class MotionLimits(ByContent):
         return replace(self, **wider, extra=extra)
 
     def to_dict(self, n: int) -> dict[str, Any]:
-        """Return plain data for programs: lists of n numbers, None where free; two of them for a pair.
+        """Return plain data for programs: lists of n numbers, None without a limit; two of them for a pair.
 
         Parameters
         ----------
@@ -358,7 +359,7 @@ class MotionLimits(ByContent):
 
     @property
     def tool(self) -> tuple[float, float]:
-        """Greatest tool speed [m/s] and rotation speed [rad/s] of any segment, infinity where free."""
+        """Greatest tool speed [m/s] and rotation speed [rad/s] of any segment, infinity without a limit."""
         speed, rotation = (
             np.inf if value is None else float(np.max(value)) for value in (self.tool_speed, self.rotation_speed)
         )

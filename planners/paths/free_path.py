@@ -58,7 +58,7 @@ class FreePath(PiecewisePath):
     hold_start : bool
         Whether a ``q_start`` of the plan is the start of the motion; else only its branch and first guess.
     starts : int
-        Initial guesses that are tried if the start is free: that of the given path, and different sequences of configurations.
+        Initial guesses that are tried without a held start: that of the given path, and different sequences of configurations.
     coefficients : (count, d) array, optional
         Values of the coordinates at the control points of their splines [rad, m]; by default the allowed values nearest to 0.
     null_space : NullSpace, optional
@@ -395,7 +395,7 @@ def free(
     hold_start : bool
         Whether a ``q_start`` of the plan is the start of the motion, with its own turn and tilt, or an initial guess.
     starts : int
-        Initial guesses that are tried if the start is free: that of the given path, and different sequences of configurations
+        Initial guesses that are tried without a held start: that of the given path, and different sequences of configurations
         along the whole path; up to three more with a tilt.
     **freedoms
         By name (`planners.freedom.freedoms`), in the order in which they move the tool: ``turn=(-1.0, 1.0)`` [rad] about the

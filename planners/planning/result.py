@@ -359,7 +359,7 @@ class Plan:
         self, *, rms_torque: ArrayLike | None = None, cycle: float | None = None, stopping_time: float | None = None,
         stopping_distance: float | None = None,
     ) -> Self:  # fmt: skip
-        """Return the plan with its motion slowed as a whole, until it respects further limits; itself if it does.
+        """Return the plan with its motion stretched as a whole until it respects further limits; a motion that does is kept.
 
         Parameters
         ----------

@@ -222,12 +222,16 @@ def replan(
         Come to rest on the path as soon as possible, instead of at its end.
     timing : str or TimeLaw, optional
         A law that can start from a moving state; by default the plan's own, or `optimal` if that law starts from rest only.
-    limits, scene : MotionLimits, and Scene, optional
-        Limits, and obstacles with the margin to them; by default those of the plan.
+    limits : MotionLimits, optional
+        Limits; by default those of the plan.
+    scene : Scene, optional
+        Obstacles and the margin to them; by default those of the plan.
     time_limit : float
         Computing time [s] for improving a stop towards the optimum; 0 returns the stop of the sweep.
-    tolerance, rate : Tolerance, or (2,) tuple of float, and float
-        Distance [m] and angle [rad], and the controller's rate [1/s], as in `plan`.
+    tolerance : Tolerance, or (2,) tuple of float
+        Largest distance [m] and angle [rad] between tool and path of a valid motion.
+    rate : float
+        Rate of the controller [1/s], for `Certificate.sampled_jerk`.
 
     Returns
     -------

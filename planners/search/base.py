@@ -186,7 +186,7 @@ class JointSpace:
         -------
         (k,) array
             Length along both edges [rad, m], at most half of the shorter one: every configuration of the triangle between the
-            vertex and the points at this length before and behind it is free. 0 at the ends, and where nothing is proved.
+            vertex and the points at this length before and behind it is collision-free. 0 at the ends, and without a proof.
         """
         path = np.ascontiguousarray(vertices, dtype=np.float64)
         edges = np.diff(path, axis=0)

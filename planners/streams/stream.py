@@ -349,9 +349,18 @@ def stream(
         Joints at rest [rad, m]; a measured state q, q̇, q̈, which is brought to rest; or the motion that begins with the stream.
     rate : float
         Set-points per second [1/s].
-    limits, tolerance, pace, align, longest, scene
-        As for `planners.retarget`; the limits are by default the robot's. Targets that scatter are smoothed by up to
-        four tolerances. Pieces of slow motions last longer than `longest`.
+    limits : MotionLimits, optional
+        Limits; by default the robot's. Velocity, acceleration and jerk of all joints must be limited.
+    tolerance : float
+        Largest distance between a target and the smoothed chunk [rad, m]; up to four times it for noisy targets.
+    pace : float
+        Largest rate at which a chunk is followed, divided by its own rate [1].
+    align : {"nearest", "clock"}
+        Where a chunk is entered: nearest to the arm but not later than by its clock, or by its clock.
+    longest : float
+        Longest duration of a piece [s], except for slow motions.
+    scene : Scene, optional
+        Obstacles, which the motion is proved to avoid.
     budget : float
         Time from the arrival of a target to the start of its motion [s]. A result that comes later is dropped.
     silence : float, optional

@@ -222,6 +222,16 @@ def test_what_the_site_shows_says_parameters_shapes_and_units():
     assert not found, "\n" + "\n".join(found)
 
 
+def test_parameters_of_one_entry_have_one_type():
+    found = []
+    for file, shown in shown_functions().items():
+        for name, function, _ in public_functions(ast.parse(file.read_text(encoding="utf-8"))):
+            entries = sections(ast.get_docstring(function) or "").get("Parameters", {}) if name in shown else {}
+            heaps = [first for first in entries if re.match(r"\w+, .* : .*\band\b", first)]
+            found += [f"{file.relative_to(REPOSITORY)}: {name}: {heap}" for heap in heaps]
+    assert not found, "\n".join(found)
+
+
 def test_the_site_shows_the_interfaces_and_not_what_is_inside():
     shown = {
         f"{file.relative_to(REPOSITORY).as_posix()}:{name}"
