@@ -21,6 +21,7 @@ _PROJECT = tomllib.loads((Path(__file__).parent.parent / "pyproject.toml").read_
 
 project = "optik"
 author = "The optik authors"
+copyright = f"2026, {author}"
 release = version = _PROJECT["version"]
 html_title = f"optik {release}"
 

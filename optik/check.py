@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import math
+import re
 import sys
-from collections.abc import Iterable
-from typing import Any
+from collections.abc import Callable, Iterable
+from functools import wraps
+from inspect import CO_VARKEYWORDS
+from typing import Any, TypeVar
 
 import numpy as np
 
-from optik.errors import InvalidInput
+from optik.errors import InvalidInput, UnknownName
 from optik.types import Array
+
+Callable_ = TypeVar("Callable_", bound=Callable[..., Any])
 
 
 def real_array(value: Any, argument: str, expected: str, shape: tuple[Any, ...] = (...,)) -> Array:
@@ -43,10 +48,46 @@ def format_count(number: int, noun: str) -> str:
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
-def format_ratio(ratio: float, digits: int = 9) -> str:
-    """Return a ratio with so many digits, or with as many as tell it from 1."""
-    texts = (f"{ratio:.{d}g}" for d in range(digits, 17))
-    return next((text for text in texts if float(text) != 1.0), "1")
+def check_keywords(function: Callable_) -> Callable_:
+    """Let a function, or a class, answer an unknown keyword with the nearest one, or an example of its docstring."""
+    start = function.__init__ if isinstance(function, type) else function
+    code = start.__code__
+    known, kinds = code.co_varnames[: code.co_argcount + code.co_kwonlyargcount], code.co_flags & CO_VARKEYWORDS
+
+    @wraps(start)
+    def call(*args: Any, **given: Any) -> Any:
+        for word in given.keys() - known:
+            example = re.search(rf"``([^`]*\([^`]*\b{word}[^`]*)``", " ".join((function.__doc__ or "").split()))
+            names = [name for name in known if name != "self"]
+            typed = [name for name in names if word.lower() in str(start.__annotations__.get(name)).lower()]
+            advice = f"such as {example[1]}" if example else ""
+            raise UnknownName(f"argument of {function.__name__}()", word, names, advice, typed)
+        return start(*args, **given)
+
+    if kinds:
+        return function
+    if isinstance(function, type):
+        function.__init__ = call  # type: ignore[misc]
+        return function
+    return call  # type: ignore[return-value]
+
+
+AT_LIMIT = (-1e-6, 1e-12)
+"""Smallest and largest difference from 1 of a ratio that is printed as 1: it is below its limit by less than anybody reads, or
+above it by rounding."""
+
+
+def format_ratio(ratio: float) -> str:
+    """Return a ratio to a limit with three digits, or with as many as tell it from 1; and of infinity a word."""
+    texts = (f"{ratio:.{digits}g}" for digits in range(3, 17))
+    if AT_LIMIT[0] < ratio - 1.0 <= AT_LIMIT[1]:
+        return "1"
+    return "unbounded" if ratio == math.inf else next(text for text in texts if float(text) != 1.0)
+
+
+def describe_ratio(ratio: float) -> str:
+    """Return a ratio to a limit in words: 1.0004 of its limit, 2.89 times its limit, unbounded."""
+    return format_ratio(ratio) + ("" if ratio == math.inf else " times its limit" if ratio >= 2.0 else " of its limit")
 
 
 def check_number(

@@ -8,6 +8,9 @@ from typing import Any
 LONGEST_MESSAGE = 2000
 """Longest text of an error; a longer text is shortened in its middle."""
 
+LONGEST_LIST = 120
+"""Longest list of all known names beside a suggestion; a longer one hides it."""
+
 
 class OptikError(Exception):
     """Base class of all errors raised by optik, planners and benchmarks."""
@@ -135,21 +138,29 @@ class UnknownName(OptikError, LookupError):
     kind, name : str
         Kind of the named thing ("robot", "IK method", ...), and the unknown name.
     known, nearest : tuple of str
-        All names that exist, and those with similar spelling.
+        All names that exist, and those with similar spelling, or those given as ``similar``.
 
     The message ends with the ``advice`` of the constructor.
     """
 
-    def __init__(self, kind: str, name: str, known: Iterable[str], advice: str = "") -> None:
+    def __init__(
+        self, kind: str, name: str, known: Iterable[str], advice: str = "", similar: Iterable[str] = ()
+    ) -> None:
         self.kind = kind
         self.name = name
         self.known = tuple(known)
         from difflib import get_close_matches
 
-        self.nearest = tuple(get_close_matches(str(name), self.known, n=3, cutoff=0.4))
-        hint = f"did you mean {' or '.join(self.nearest)}? " if self.nearest else ""
-        there_are = f"{hint}there are: {', '.join(self.known) or 'none'}"
-        super().__init__("; ".join(filter(None, (f"unknown {kind} {name!r}", there_are, advice))))
+        spelled = {each.lower(): each for each in self.known}
+        typed = str(name).lower()
+        close = [typed] if typed in spelled else get_close_matches(typed, spelled, n=3, cutoff=0.4)
+        self.nearest = tuple(similar) or tuple(spelled[each] for each in close)
+        hint = f"did you mean {' or '.join(self.nearest)}?" if self.nearest and not advice else ""
+        there_are = f"there are: {', '.join(self.known) or 'none'}"
+        if (hint or advice) and len(there_are) > LONGEST_LIST:
+            there_are = ""
+        meant = " ".join(filter(None, (hint, there_are)))
+        super().__init__("; ".join(filter(None, (f"unknown {kind} {name!r}", meant, advice))))
 
     def __str__(self) -> str:  # a LookupError would show its message in quotes
         return str(self.args[0])

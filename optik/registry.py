@@ -21,7 +21,6 @@ from optik.plugins.files import (
     SUFFIXES,
     UsedPlugin,
     defaults,
-    find_nearest_name,
     import_file,
     in_finished_run,
     is_path,
@@ -194,10 +193,8 @@ def build_method(group: str, name: str | os.PathLike[str] | type, kind: str, *ar
         wrong = re.search(r"(got an unexpected keyword|missing \d+ required|takes no argument).*", str(error))
         if wrong is None:
             raise
-        given, known = ", ".join(options) or "none", defaults(method)
-        expected = f"options of the {kind} {short_name(name)!r}"
-        meant = [near for option in options if option not in known and (near := find_nearest_name(option, known))]
-        expected += f", such as {', '.join(meant)}" if meant else ""
+        given, known = ", ".join(options) or "none", ", ".join(defaults(method)) or "none"
+        expected = f"options of the {kind} {short_name(name)!r}: {known}"
         raise InvalidInput("options", f"{given} ({wrong[0]})", expected) from None
 
 
@@ -231,6 +228,13 @@ def _find_own(folder: Path) -> frozenset[str]:
     return frozenset(found)
 
 
+def find_described(group: str, word: str) -> list[str]:
+    """Return the built-in names of a group whose files have a word in their first line, which describes them."""
+    files = [_folder(group) / f"{name}.py" for name in sorted(own_names(group))]
+    firsts = {file.stem: file.read_text("utf-8").partition("\n")[0] for file in files if file.is_file()}
+    return [name for name, first in firsts.items() if re.search(rf"\b{re.escape(word)}\b", first, re.IGNORECASE)]
+
+
 # ---------------------------------------------------------------- from outside
 
 
@@ -262,7 +266,8 @@ def _entry_point(group: str, name: Any, kind: str) -> EntryPoint | None:
     points = entry_points(group).get(name, ())
     if not points:
         file = suggest_file(name, SUFFIXES if group in _DATA_GROUPS else (".py",))
-        raise UnknownName(kind, name, names(group), f"for a file write ./{file}" if file else "")
+        advice = f"for a file write ./{file}" if file else ""
+        raise UnknownName(kind, name, names(group), advice, find_described(group, name))
     reason = _reason(group, name, len(points))
     if reason:
         both = " and ".join(describe_distribution(point) for point in points)

@@ -10,7 +10,7 @@ from math import atan2, pi, sin, sqrt
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optik.check import real_array
+from optik.check import check_keywords, real_array
 from optik.compiled import compiled
 from optik.errors import InvalidInput
 from optik.types import Array
@@ -201,13 +201,14 @@ def exp_so3(w: ArrayLike) -> Array:
     return out
 
 
+@check_keywords
 def pose(R: ArrayLike | None = None, p: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
     """Return the pose of a rotation and a position.
 
     Parameters
     ----------
     R : (3, 3) array, optional
-        Rotation matrix [1]; the identity by default.
+        Rotation matrix [1]; the identity by default. From angles: ``from_xyz_rpy(xyz, rpy_deg)``.
     p : (3,) array
         Position [m].
 

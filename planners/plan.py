@@ -8,7 +8,7 @@ from functools import partial
 from numpy.typing import ArrayLike
 
 from optik.arm.robot import Robot
-from optik.check import check_count
+from optik.check import check_count, check_keywords
 from optik.errors import InvalidInput, NoSolution
 from optik.ik import SolverLike, get_solver
 from optik.ik.base import Tolerance, ToleranceLike
@@ -33,6 +33,7 @@ from planners.timing import LawLike, make_law
 __all__ = ["Plan", "PlanSeconds", "PlanStatus", "ProgramPlan", "make_law", "path_to", "plan"]
 
 
+@check_keywords
 def plan(
     robot: Robot, path: Path | Program | ArrayLike, q_start: ArrayLike | None = None, *,
     solver: SolverLike = "lm", timing: LawLike = "optimal", limits: MotionLimits | None = None, samples: int = 151,

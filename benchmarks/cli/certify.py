@@ -30,13 +30,12 @@ from benchmarks.cli.plan import (
     SceneCommand,
     describe_clearance,
     describe_effort,
-    format_excess,
-    format_ratio,
 )
 from benchmarks.cli.readers import read_configuration, read_number_list
 from benchmarks.provenance import version_here
 from optik.arm.model import unit_factors, unit_names
 from optik.arm.motors import have_same_matrix
+from optik.check import format_ratio
 from optik.errors import InvalidInput
 from optik.file_io import check_suffix, read_bytes
 from optik.ik.base import Tolerance
@@ -113,10 +112,8 @@ class CertifyCommand(LimitsCommand, SceneCommand, TableCommand):
         if self.as_json:
             print_json(proof.to_dict() | {"notes": list(trajectory.notes), **self._describe_inputs(arm)})
         else:
+            _print_verdict(proof, trajectory)
             _print(arm, proof, reference, self.file.name, own)
-            if not proof.is_valid and proof.continuous < 1 and not trajectory.padded[:4].any():
-                advice = "--interpolation spline judges a spline through them"
-                out_console.print(f"between positions alone the motion is linear, as in ros2_controllers; {advice}")
             if self.html is not None:
                 out_console.print(f"written to {self.html}")
         raise typer.Exit(0 if proof.is_valid else 1)
@@ -191,7 +188,8 @@ class CertifyCommand(LimitsCommand, SceneCommand, TableCommand):
 
         assert self.html is not None
         show = show_trajectory(arm, trajectory, proof, limits, scene)
-        write_page(replace(show, title=f"{arm.name}: {self.file.name}"), self.html)
+        facts = (("Between points", _describe_interpolation(proof, trajectory)), *show.facts)
+        write_page(replace(show, title=f"{arm.name}: {self.file.name}", facts=facts), self.html)
 
     def _describe_inputs(self, arm: optik.Robot) -> dict[str, Any]:
         """Return the SHA-256 of all files that were read, and the versions."""
@@ -223,8 +221,25 @@ def _is_same(one: optik.Robot, other: optik.Robot) -> bool:
     return same and masses[0] == masses[1]
 
 
+def _print_verdict(proof: Certificate, trajectory: Trajectory) -> None:
+    """Print the verdict, how the motion is interpolated, and the reasons."""
+    good = proof.is_valid
+    words = "valid: everything that is judged is respected at every instant" if good else "NOT valid"
+    out_console.print(f"certificate {words}", style="green" if good else "yellow")
+    out_console.print(f"between its points the motion is {_describe_interpolation(proof, trajectory)}", soft_wrap=True)
+    for reason in proof.reasons:
+        out_console.print(f"  {translate(reason)}", style="yellow", soft_wrap=True)
+
+
+def _describe_interpolation(proof: Certificate, trajectory: Trajectory) -> str:
+    """Describe the motion between its points, and what to do if it is straight lines that are not valid."""
+    high, low = (trajectory.padded[part].any() for part in (slice(2), slice(2, 4)))
+    advice = ", as in ros2_controllers for positions alone; --interpolation spline judges a spline through them"
+    return "quintic" if high else "cubic" if low else f"linear{'' if proof.is_valid else advice}"
+
+
 def _print(arm: optik.Robot, proof: Certificate, reference: GivenPath | None, title: str, path: Any = None) -> None:
-    """Print what was judged, and the verdict."""
+    """Print what was judged."""
     table = Table("", "peak / limit", "joint", "time, s", "", title=f"{title}: {proof.duration:.4f} s")
     for row in (_position_row(arm, proof), *_limit_rows(proof), *_path_rows(proof, reference)):
         table.add_row(*row)
@@ -237,12 +252,6 @@ def _print(arm: optik.Robot, proof: Certificate, reference: GivenPath | None, ti
         out_console.print(describe_effort(proof, arm, getattr(path, "robots", ())), soft_wrap=True)
     if proof.clearance is not None:
         out_console.print(describe_clearance(proof.clearance), soft_wrap=True)
-    if proof.is_valid:
-        out_console.print("certificate valid: everything that is judged is respected at every instant", style="green")
-    else:
-        out_console.print("certificate NOT valid:", style="yellow")
-        for reason in proof.reasons:
-            out_console.print(f"  {translate(reason)}", style="yellow", soft_wrap=True)
 
 
 def _position_row(arm: optik.Robot, proof: Certificate) -> tuple[str, ...]:
@@ -270,7 +279,7 @@ def _limit_rows(proof: Certificate) -> list[tuple[str, ...]]:
         every = np.atleast_1d(proof.extreme(field).ratio)
         free = [n for n, x in zip(proof.joint_names, every, strict=False) if every.size > 1 and np.isnan(x)]
         within = not any(v.words.startswith(f"{field} of ") for v in proof.violations)
-        rows.append((name, format_ratio(ratio), joint, f"{t:.3f}", _verdict(within, _describe_excess(ratio), free)))
+        rows.append((name, format_ratio(ratio), joint, f"{t:.3f}", _verdict(within, "exceeded", free)))
     return rows
 
 
@@ -287,15 +296,9 @@ def _path_rows(proof: Certificate, reference: GivenPath | None) -> list[tuple[st
             rows.append((name, "", "", "", NOT_JUDGED))
             continue
         ratio = bound / allowed
-        wrong = _describe_excess(ratio) if found > allowed else "not proved"
+        wrong = "exceeded" if found > allowed else "not proved"
         rows.append((name, format_ratio(ratio), "tool", f"{t:.3f}", _verdict(ratio <= 1.0, wrong)))
     return rows
-
-
-def _describe_excess(ratio: float) -> str:
-    """Describe by how much a limit is exceeded."""
-    words = format_excess(ratio)
-    return f"exceeded {words}" if words.startswith("by") else f"exceeded: {words}"
 
 
 def _verdict(within: bool, wrong: str, free: list[str] | None = None) -> str:

@@ -53,7 +53,8 @@ def describe_usage(error: Any, context: Any, words: Sequence[str], kind: type) -
     example = f"; for example: {(context.command.epilog or '').removeprefix('Example: ').strip('`')}"
     options = {typed: p for p in context.command.params for typed in (*p.opts, *p.secondary_opts)}
     if name and name not in options:
-        near = get_close_matches(name, [each for each in options if each.startswith("--")], n=2)
+        long = [each for each in options if each.startswith("--")]
+        near = [each for each in long if each.startswith(name)][:3] or get_close_matches(name, long, n=2)
         meant = f"did you mean {' or '.join(near)}? " if near else ""
         return OptikError(f"unknown option {name}; {meant}{context.command_path} --help lists the options")
     if name:
@@ -190,9 +191,9 @@ def numbers(panel: str, help: str, default: Any = None) -> Any:
     return option(panel, help, default, metavar=NUMBERS)
 
 
-def argument(metavar: str, help: str) -> Any:
-    """Return a field of a command that is an argument."""
-    return field(metadata={"typer": typer.Argument(metavar=metavar, help=help)})
+def argument(metavar: str, help: str, check: Any = None) -> Any:
+    """Return a field of a command that is an argument; `check` returns its value, before an option is missed."""
+    return field(metadata={"typer": typer.Argument(metavar=metavar, help=help, callback=check)})
 
 
 def optional(metavar: str, help: str) -> Any:
@@ -216,7 +217,7 @@ def add_command(group: typer.Typer, name: str, kind: type[Command], example: str
         try:
             kind(**given).run()
         except UnknownName as error:
-            typed = name_typed(kind, given, error.kind, str(error))
+            typed = name_typed(kind, given, error.kind, str(error.name))
             error.args = (f"{typed}: {error}" if typed else str(error),)
             raise
         except InvalidInput as error:
@@ -238,11 +239,11 @@ def add_command(group: typer.Typer, name: str, kind: type[Command], example: str
 def name_typed(kind: type[Command], given: dict[str, Any], argument: str, got: str) -> str:
     """Return the option or argument, as typed, that an argument of the library stands for; empty if there is none."""
     known = {each.name: each.metadata for each in fields(kind) if "typer" in each.metadata}
-    if argument.rpartition(" ")[2] in ("file", "run"):  # one of several: that whose name was typed
+    if argument.rpartition(" ")[2] in ("file", "run", "robot"):  # one of several: that whose name was typed
         words = re.split(r"[\s',]+", got)
         named = [name for name, value in given.items() if value is not None and str(value) and str(value) in words]
         argument = named[0] if len(named) == 1 else argument
-    elif argument not in known and f"{argument}s" not in known:
+    if argument not in known and f"{argument}s" not in known:
         argument = ARGUMENTS.get(argument, argument)
     if argument == "on" and "on" not in known:
         argument = "drive"

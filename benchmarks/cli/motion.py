@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import webbrowser
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,10 +12,12 @@ import numpy as np
 import typer
 from rich.table import Table
 
+import optik
 from benchmarks.cli.command import (
-    Command,
     JsonCommand,
     LimitsCommand,
+    RobotCommand,
+    StartCommand,
     TableCommand,
     argument,
     err_console,
@@ -27,8 +29,9 @@ from benchmarks.cli.command import (
 from benchmarks.cli.plan import MOTION_SUFFIXES
 from benchmarks.cli.readers import ALLOW_HELP, read_allowed, read_configuration
 from optik.arm.model import unit_factors, unit_names
-from optik.errors import InvalidInput, NoSolution
-from optik.file_io import write_atomically
+from optik.errors import InvalidInput, NoSolution, RobotModelError
+from optik.file_io import read_bytes, write_atomically
+from optik.plugins.files import split_links
 from optik.registry import load_method, names
 
 if TYPE_CHECKING:
@@ -44,6 +47,9 @@ if TYPE_CHECKING:
 
 STORED_MOTION = f"a motion that `optik plan … --out FILE` wrote: {MOTION_SUFFIXES}"
 """Files that `optik drive` reads; `optik view` also reads an execution and a failed plan."""
+
+SCENE_SUFFIXES = (".yaml", ".yml", ".scene")
+"""Suffixes of files that are scenes, of no arm."""
 
 DRIVE_HELP = f"Drive, one of: {', '.join(names('planners.cell.drives'))}; or a file, ./lagging.py"
 """Begin of the help of options that name a drive."""
@@ -244,14 +250,16 @@ def _to_finite(values: Any) -> Any:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ViewCommand(Command):
-    """Show a motion, an execution or a failed plan in the browser, as one self-contained page.
+class ViewCommand(StartCommand):
+    """Show a motion, an execution, a failed plan, an arm or a scene in the browser, as one self-contained page.
 
     The page is written beside the file, or to --html FILE. This command never moves a real arm.
     """
 
     plan: Path = argument(
-        "PLAN", "A file written by `optik plan … --out` or `--out-failed`, or by `optik drive … --out`."
+        "FILE",
+        "A file written by `optik plan … --out` or `--out-failed`, or by `optik drive … --out`; an arm, as --robot "
+        "takes it; or with --robot a scene.",
     )
     html: Path | None = option("Options", "Write the page to FILE.html, and do not open it.")
     drive: str | None = option("Options", "Also execute the motion on a simulated drive.")
@@ -265,10 +273,32 @@ class ViewCommand(Command):
             check_simulated(drive)
         if html is not None and html.suffix.lower() not in PAGE_SUFFIXES:  # before a drive takes its time
             raise InvalidInput("--html", html, f"a name that ends in {' or '.join(PAGE_SUFFIXES)}")
-        page = html or self.plan.with_suffix(".html")
-        write_page(_make_show(_read_recording(self.plan, drive), drive), page)
+        page = html or Path(split_links(str(self.plan))[0]).with_suffix(".html")
+        write_page(self._show_arm() or _make_show(_read_recording(self.plan, drive), drive), page)
         opened = html is None and webbrowser.open(page.absolute().as_uri())
         out_console.print(f"written to {page}{'' if opened else ': open it in a browser'}", soft_wrap=True)
+
+    def _show_arm(self) -> Show | None:
+        """Return the content for an arm, or for a scene with the typed arm; None for a file of a motion."""
+        from optik.arm.library import PREFIX, URDF
+        from optik.view.page import make_arm_show
+
+        name, suffix = str(self.plan), Path(split_links(str(self.plan))[0]).suffix.lower()
+        content = read_bytes(self.plan) if suffix == ".toml" and self.plan.is_file() else b"convention"
+        is_scene = self.robot != RobotCommand.robot or suffix in SCENE_SUFFIXES or b"convention" not in content
+        is_name = name.startswith(PREFIX) or not (suffix or self.plan.exists())
+        if not (is_scene or is_name or suffix in (*URDF, ".toml", ".py")):
+            return None
+        if self.drive is not None:
+            raise InvalidInput("--drive", f"{self.drive} for {name}", "a motion")
+        robot = self.robot if is_scene else name
+        try:
+            shaped = f"{robot}{'&' if '#' in robot else '#'}shapes=yes"
+            start = replace(self, robot=shaped if split_links(robot)[0].lower().endswith(URDF) else robot).load_start()
+        except RobotModelError:  # its meshes are elsewhere: lines between its joints
+            start = replace(self, robot=robot).load_start()
+        start.print_default()
+        return make_arm_show(start.arm, start.q, optik.Scene.load(name, robot=start.arm) if is_scene else None)
 
 
 def check_simulated(drive: str) -> str:
@@ -299,22 +329,24 @@ def _make_show(shown: Motion | Plan | Show, drive: str | None = None) -> Show:
 
 def _read_recording(file: Path, drive: str | None = None) -> Motion | Plan | Show:
     """Read a motion (as a plan, for a drive), an execution or a failed plan; errors as in `read_motion`."""
-    from planners.cell.show import EXECUTION, FAILED_PLAN, restore_plan, show_recorded
+    from planners.cell.show import EXECUTION, restore_plan, show_recorded
+    from planners.planning.failed import FAILED_PLAN
 
     data = _read_json(file)
     if data.get("format") in (EXECUTION, FAILED_PLAN):
         if drive is not None:
             came = f"{file}, an execution or a failed plan, with --drive {drive}"
-            raise InvalidInput("PLAN", came, STORED_MOTION, advice="omit --drive to show this file")
+            raise InvalidInput("FILE", came, STORED_MOTION, advice="omit --drive to show this file")
         return show_recorded(data)
-    motion = read_motion(file)
+    motion = read_motion(file, "FILE")
     return motion if drive is None else restore_plan(motion)
 
 
 def read_motion(file: Path, name: str = "PLAN") -> Motion:
     """Read a motion; `name` is the option or argument in errors."""
-    from planners.cell.show import EXECUTION, FAILED_PLAN
+    from planners.cell.show import EXECUTION
     from planners.files import load_motion
+    from planners.planning.failed import FAILED_PLAN
 
     if file.is_dir():
         raise InvalidInput(name, f"the folder {file}", STORED_MOTION)

@@ -28,8 +28,7 @@ from benchmarks.cli.command import (
 from benchmarks.cli.readers import ALLOW_HELP, format_numbers, read_allowed, read_bound, read_number_list
 from optik.arm.model import unit_factors
 from optik.arm.motors import maker_joints
-from optik.check import check_number, format_count
-from optik.check import format_ratio as describe_ratio
+from optik.check import check_number, describe_ratio, format_count, format_ratio
 from optik.errors import InvalidInput
 from optik.file_io import write_atomically
 from optik.plugins.files import split_links
@@ -45,22 +44,6 @@ if TYPE_CHECKING:
 
 MOST_CORNERS = 8
 """Corners of a program that are listed."""
-EXACT_EXCESS = 5e-13
-"""Excess over a limit [1] that is not shown: the rounding of exact extrema."""
-
-
-def format_excess(ratio: float) -> str:
-    """Describe by how much a ratio to a limit exceeds 1."""
-    if not np.isfinite(ratio):
-        return "unbounded"
-    return f"by {100.0 * (ratio - 1.0):.3g} %" if ratio < 2.0 else f"{ratio:.3g} times its limit"
-
-
-def format_ratio(ratio: float) -> str:
-    """Format a ratio to a limit with three digits, or with more if it is barely above 1."""
-    if not np.isfinite(ratio):
-        return "∞"
-    return describe_ratio(ratio) if EXACT_EXCESS < ratio - 1.0 < 5e-3 else f"{ratio:.3g}"
 
 
 def describe_effort(proof: Any, robot: Any, robots: Sequence[Any] = ()) -> str:
@@ -71,8 +54,8 @@ def describe_effort(proof: Any, robot: Any, robots: Sequence[Any] = ()) -> str:
     load = "without payload" if payload is None else f"with {payload}"
     load = f"with payloads {', '.join(loads)}" if loads[1:] else load
     words = (
-        f"for this mass model, {load}: energy {net:.3g} J ({proof.energy.drawn:.3g} J without recovery while "
-        f"braking), peak power {round(proof.energy.power, 9):.3g} W"
+        f"for this mass model, {load}: energy {proof.energy.drawn:.3g} J ({net:.3g} J if braking returns energy), "
+        f"peak power {round(proof.energy.power, 9):.3g} W"
     )
     if proof.friction_steps:
         most = max(proof.friction_steps, key=lambda step: step.size)
@@ -103,7 +86,7 @@ def describe_clearance(found: Any) -> str:
 
 def print_certificate(plan: Any, by_law: tuple[str, ...]) -> None:
     """Print a plan's certificate; `by_law` are the limits that its time law enforces."""
-    from planners.certificate.certificate import describe_scope
+    from planners.certificate.certificate import describe_limiting, describe_scope
     from planners.limits import ALL_LIMITS, DERIVATIVES
 
     proof, off = plan.certificate, plan.certificate.path_error
@@ -139,12 +122,14 @@ def print_certificate(plan: Any, by_law: tuple[str, ...]) -> None:
         out_console.print(describe_effort(proof, plan.robot, arms))
     if proof.clearance is not None:
         out_console.print(describe_clearance(proof.clearance))
+    for line in describe_limiting(proof):
+        out_console.print(line, soft_wrap=True)
     if plan.limit_factor > 1.0:
         stretch = 100.0 * (plan.limit_factor - 1.0)
         out_console.print(f"duration stretched by {stretch:.3g} % to meet the limits")
     beyond = [f for f in limits if f not in proof.enforced and proof.worst(f)[0] > 1.0]
     if beyond:
-        words = ", ".join(f"{f.replace('_', ' ')} {format_excess(proof.worst(f)[0])}" for f in beyond)
+        words = ", ".join(f"{f.replace('_', ' ')} {describe_ratio(proof.worst(f)[0])}" for f in beyond)
         out_console.print(f"exceeded, since not enforced by {plan.law}: {words}", style="yellow")
     if proof.is_valid:
         kept = (
@@ -490,14 +475,14 @@ def _describe_points(plan: planners.Plan, rate: float) -> str:
     limits = MotionLimits(**{name: plan.limits.value(name) for name in DERIVATIVES})
     proof = certify(plan.robot, None, simulate_controller(plan.trajectory, rate, "quintic"), limits)
     beyond = [
-        f"{name} {format_excess(proof.worst(name)[0])}" for name in DERIVATIVES if proof.worst(name)[0] > 1.0 + 1e-9
+        f"{name} is {describe_ratio(proof.worst(name)[0])}" for name in DERIVATIVES if proof.worst(name)[0] > 1.0 + 1e-9
     ]
-    return f": interpolated between its points, the motion exceeds the limit on {', '.join(beyond)}" if beyond else ""
+    return f": interpolated between its points, the motion exceeds limits: {', '.join(beyond)}" if beyond else ""
 
 
 def _write_failed(plan: planners.Plan, file: Path) -> None:
     """Write a failed plan for `optik view`, marked as failed, and name the file on the error stream."""
-    from planners.cell.show import failed_plan_data
+    from planners.planning.failed import failed_plan_data
 
     data = failed_plan_data(plan)
     text = json.dumps(data, allow_nan=False) + "\n"

@@ -80,7 +80,7 @@ from optik.arm.plain import read_list, read_pose, read_record, read_vector, read
 from optik.arm.robot import DHRow, Robot
 from optik.arm.shapes import Shapes
 from optik.arm.shapes.urdf import Folders, MeshFolders, find_package
-from optik.check import check_count, check_flag, check_number, check_words, format_value, locate_error
+from optik.check import check_count, check_flag, check_keywords, check_number, check_words, format_value, locate_error
 from optik.errors import InvalidInput, MissingDependency
 from optik.file_io import decode_text, parse_toml, read_bytes
 from optik.plugins.files import check_code_allowed, is_path, resolve_file, split_links
@@ -254,6 +254,7 @@ LINK_KEYS = ("mass_kg", "com_mm", "inertia", "motor", "viscous", "coulomb")
 """Keys of a row of masses."""
 
 
+@check_keywords
 def load(
     name: str | os.PathLike[str], *, tip: str | None = None, base: str | None = None,
     values: Mapping[str, float] | None = None, gravity: ArrayLike | None = None, without_shape: Sequence[str] | None = None,

@@ -18,7 +18,7 @@ from optik.arm.limits import JointLimits, freeze
 from optik.arm.linkage import Linkage
 from optik.arm.motors import Motors, couple, find_outside, maker_joints, with_motors
 from optik.arm.shapes.model import PAYLOAD, Shapes
-from optik.check import check_flag, check_number, check_words, format_value, real_array
+from optik.check import check_flag, check_keywords, check_number, check_words, format_value, real_array
 from optik.errors import AssumptionWarning, InvalidInput, RobotModelError
 from optik.kinematics import Chain
 from optik.types import Array, Flags
@@ -191,6 +191,7 @@ class ArmModel:
         shapes = None if self.shapes is None else self.shapes.transform_part(0, T)
         return replace(self, fixed=fixed, gravity=T[:3, :3] @ self.gravity, shapes=shapes)
 
+    @check_keywords
     def with_tool(self, tool: ArrayLike, *, add: bool = False) -> Self:
         """Return the arm with another tool."""
         T = se3.check_pose(tool, "tool")
@@ -322,6 +323,7 @@ class ArmDynamics(ArmModel):
             raise InvalidInput("inertia", got, "Inertia(mass, com, tensor)")
         return replace(self, inertia=new.replace(**fields) if fields else new)
 
+    @check_keywords
     def with_payload(
         self,
         mass: float | tuple[float, float] | None,

@@ -16,7 +16,9 @@ REACH_ROUNDING = 1e-9
 """Slack for rounding errors of the bound and the distance [m]."""
 
 FARTHEST_REACH = 3.0
-"""Largest plausible distance of a point, as a multiple of the reach: larger ones are probably in millimetres."""
+"""Largest plausible distance of a point in a file, as a multiple of the reach."""
+MILLIMETRES = 20.0
+"""Multiple of the reach from which a distance is probably in millimetres: then it is at least a fiftieth of the reach."""
 
 
 def reach_bound(robot: Robot, task: Task) -> Array:
@@ -65,7 +67,7 @@ def _distances(robot: Robot, i: int, v: Array) -> tuple[float, float]:
 
 def ask_unit(distance: float, most: float) -> str:
     """Return a question about the unit of a point at a distance [m] far beyond the reach; empty for a nearer point."""
-    far = distance > FARTHEST_REACH * most
+    far = distance > MILLIMETRES * most
     return "; coordinates are in metres: are these in millimetres?" if far else ""
 
 

@@ -18,7 +18,7 @@ from optik.arm.plain import arm_from_dict, arm_to_dict
 from optik.arm.shapes import Shapes
 from optik.arm.summary import COLUMNS, describe_robot, joint_rows, tool_facts
 from optik.card import Card
-from optik.check import check_flag, real_array
+from optik.check import check_flag, check_keywords, real_array
 from optik.errors import InvalidInput, RobotModelError
 from optik.types import Array
 
@@ -135,6 +135,7 @@ class Robot(ArmDynamics):
         """Return the table of joints for a notebook."""
         return Card(title=repr(self), head=COLUMNS, rows=joint_rows(self), facts=tool_facts(self, self._rest)).to_html()
 
+    @check_keywords
     def show(self, q: ArrayLike | None = None, *, scene: Any = None) -> Page:
         """Show the arm at a configuration: in the cell of a notebook, else in the browser.
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from optik.check import format_ratio
 from optik.types import Array
 
 if TYPE_CHECKING:
@@ -31,8 +32,8 @@ class Bar(NamedTuple):
 
     @property
     def text(self) -> str:
-        """The ratio with three significant digits."""
-        return "unbounded" if self.ratio == float("inf") else f"{self.ratio:.3g}"
+        """The ratio as text."""
+        return format_ratio(self.ratio)
 
     @property
     def percent(self) -> float:

@@ -17,7 +17,7 @@ from optik.arm.limits import freeze
 from optik.arm.shapes.check import check_excess, check_length, check_point
 from optik.arm.shapes.enclosure import Capsule, complete_frame, enclose_cylinder, enclose_mesh, enclose_objects
 from optik.card import Card
-from optik.check import check_number, check_words, format_value
+from optik.check import check_keywords, check_number, check_words, format_value
 from optik.errors import InvalidInput, UnknownName
 from optik.scene.cloud import check_points, pack_cloud
 from optik.scene.distance import check_mesh, find_hull, pack_solids
@@ -41,6 +41,7 @@ UNIT_NORMAL = 1e-14
 """A normal whose length differs from 1 by less [1] is kept to the last bit, so that a copy of a scene equals it."""
 
 
+@check_keywords
 @dataclass(frozen=True, eq=False)
 class Scene:
     """Objects around an arm, in the frame of its base, in metres; equal by content.
@@ -139,6 +140,7 @@ class Scene:
     # ------------------------------------------------------------ files
 
     @staticmethod
+    @check_keywords
     def load(
         file: str | os.PathLike[str],
         *,

@@ -404,11 +404,16 @@ def show_arm(robot: Robot, q: ArrayLike, scene: Scene | None = None) -> Page:
     InvalidInput
         A configuration of another length, NaN or infinity.
     """
+    return show_page(make_arm_show(robot, q, scene))
+
+
+def make_arm_show(robot: Robot, q: ArrayLike, scene: Scene | None = None) -> Show:
+    """Return the content of a viewer for an arm at rest."""
     if not isinstance(scene, Scene | None):
         raise InvalidInput("scene", repr(scene)[:60], "a Scene")
     tool = robot.fk(q)[:3, 3]
     rest = np.asarray(q, dtype=np.float64)[None]
-    return show_page(Show(robot, robot.name, Track(np.zeros(1), rest, np.zeros_like(rest)), tool[None], scene=scene))
+    return Show(robot, robot.name, Track(np.zeros(1), rest, np.zeros_like(rest)), tool[None], scene=scene)
 
 
 def make_page(show: Show) -> str:
@@ -421,8 +426,8 @@ def make_page(show: Show) -> str:
     legend = {"path": "path", "executed": "executed", "planned": "planned arm", "beam": "laser beam", "scene": "scene"}
     legend |= {"payload": "centre of the payload", "near": "nearest pair", "before": "initial path"}
     legend |= {"zone": "rounded corners", "event": "events"}
-    there = {"path": True, "executed": show.executed, "planned": show.executed, "beam": show.beam, "scene": show.scene}
-    there |= {"payload": data["payload"], "near": data["clearance"], "before": data["before"]}
+    there = {"path": len(show.path) > 1, "executed": show.executed, "planned": show.executed, "beam": show.beam}
+    there |= {"scene": show.scene, "payload": data["payload"], "near": data["clearance"], "before": data["before"]}
     there |= {"zone": data["zones"], "event": data["events"]}
     return _template("page.html.j2").render(
         show=show,

@@ -21,17 +21,16 @@ const Picture = (canvas, labels, data, arm, tracks) => {
 
   // ---- how large everything is
 
-  /** Middles of the arm's bodies, base first: ends of its capsules, or its joint frames. */
-  const armPoints = poses => capsules
-    ? capsules.flatMap(c => [c.a, c.b].map(end => ({ p: moved(poses[c.link], end), r: c.r })))
-    : poses.map(T => ({ p: origin(T), r: 0 }));
-  const everywhere = Object.values(tracks).flatMap(track => Array.from({ length: 25 }, (_, k) =>
-    armPoints(arm.frames(track.at(track.end * k / 24).q))).flat());
+  /** Middles of the arm's bodies and its tool: ends of its capsules, or its joint frames. */
+  const armPoints = poses => [...(capsules || []).flatMap(c => [c.a, c.b].map(end => ({ p: moved(poses[c.link], end), r: c.r }))),
+    ...(capsules ? poses.slice(-1) : poses).map(T => ({ p: origin(T), r: 0 }))];
+  const postures = Object.values(tracks).flatMap(track => Array.from({ length: 25 }, (_, k) => arm.frames(track.at(track.end * k / 24).q)));
+  const everywhere = postures.flatMap(armPoints);
   const reach = Math.max(0.05, ...everywhere.map(at => length(at.p)), ...path.map(length).filter(Number.isFinite));
   const corners = box => [0, 1, 2, 3, 4, 5, 6, 7].map(k =>
     moved(box.pose, box.edges.map((e, i) => (k >> i & 1 ? 0.5 : -0.5) * e)));
   const points = [[0, 0, 0], ...path, ...(data.beam || []), ...boxes.flatMap(corners), ...meshes.flatMap(m => m.faces.flat())];
-  const seen = [...everywhere, ...points.map(p => ({ p, r: 0 })), ...cylinders.flatMap(c => [c.a, c.b].map(p => ({ p, r: c.r }))),
+  const seen = [...everywhere, ...postures.map(poses => ({ p: origin(poses[arm.n + 1]), r: 0.1 * reach })), ...points.map(p => ({ p, r: 0 })), ...cylinders.flatMap(c => [c.a, c.b].map(p => ({ p, r: c.r }))),
     ...rounds.flatMap(c => [c.slice(0, 3), c.slice(3, 6)].map(p => ({ p, r: c[6] })))].filter(at => length(at.p) <= 2.5 * reach);
 
   // ---- the camera
@@ -243,25 +242,30 @@ const Picture = (canvas, labels, data, arm, tracks) => {
   // ---- words in the picture
 
   const words = [["X", 0], ["Y", 1], ["Z", 2]].map(([text, k]) => [text, () => [0, 1, 2].map(i => (i === k ? 0.18 * reach : 0))]);
-  const closed = path.length && !data.beam && Arm.length(Arm.minus(path[0], path[path.length - 1])) < 1e-3 * reach;
-  if (path.length) words.push([closed ? "start, goal" : "start", () => path[0]]);
+  const moves = path.length > 1, closed = moves && !data.beam && Arm.length(Arm.minus(path[0], path[path.length - 1])) < 1e-3 * reach;
+  if (moves) words.push([closed ? "start, goal" : "start", () => path[0]]);
   if (data.beam) words.push(["laser unit", () => data.beam[0]], ["spot", () => data.beam[1]]);
-  else if (path.length && !closed) words.push(["goal", () => path[path.length - 1]]);
+  else if (moves && !closed) words.push(["goal", () => path[path.length - 1]]);
   words.push(["tool", poses => origin(poses[arm.n + 1])]);
   if (payload) words.push([payload.words, poses => moved(poses[arm.n + 1], payload.com)]);
   const places = words.map(([text]) => {
     const place = labels.appendChild(document.createElement("span"));
     place.textContent = text;
-    place.classList.toggle("before", text === "tool");
     return place;
   });
-  const label = poses => words.forEach(([, point], k) => {
-    const at = camera.project(point(poses));
-    places[k].hidden = !at;
-    if (!at) return;
-    const across = Math.min(at[0] * canvas.clientWidth, canvas.clientWidth - places[k].offsetWidth - 8);
-    places[k].style.translate = `${across}px ${at[1] * canvas.clientHeight}px`;
-  });
+  const label = poses => {
+    const taken = []; // by the words before: a word stands above those that it would lie on
+    words.forEach(([, point], k) => {
+      const at = camera.project(point(poses)), place = places[k];
+      place.hidden = !at;
+      if (!at) return;
+      const { offsetWidth: w, offsetHeight: h } = place, x = Math.min(at[0] * canvas.clientWidth, canvas.clientWidth - w - 8);
+      let y = at[1] * canvas.clientHeight;
+      while (taken.some(other => Math.abs(other.y - y) < h && x < other.x + other.w && other.x < x + w)) y -= 1;
+      taken.push({ x, y, w });
+      place.style.translate = `${x}px ${y}px`;
+    });
+  };
 
   theme();
   return { build, draw, fit, theme, magnify, camera, spacing, reach, executed };

@@ -79,7 +79,8 @@ const Plots = (boards, joint, data, arm, tracks, player) => {
     });
     const row = rows.length === 1 ? rows[0] : rows.reduce((a, b) => (b.share > (a.share || 0) ? b : a));
     if (!(row.share > 0) && rows.length > 1) return "";
-    const part = row.share >= 0 ? `, ${decimals(100 * row.share, 0)} % of limit` : "";
+    const digits = Math.abs(row.share - 1) < 0.01 ? 2 : 0; // those that tell it from the limit
+    const part = row.share >= 0 ? `, ${decimals(100 * row.share, digits)} % of limit` : "";
     return `${row.name} ${decimals(row.value, 1)}${row.unit}${part}`;
   };
 

@@ -54,8 +54,10 @@ class Show:
     ----------
     robot : Robot
         The arm with its shapes; up is against gravity.
-    title : str
-        Title.
+    title, verdict : str
+        Title; and the verdict on the motion, or empty.
+    good : bool
+        Whether the verdict is a success.
     planned : Track
         The planned motion, or the sent one.
     path : (m, 3) array
@@ -93,6 +95,8 @@ class Show:
     bars: Sequence[Bar] = ()
     zones: tuple[Array, ...] = ()
     events: Array | None = None
+    verdict: str = ""
+    good: bool = False
 
     @property
     def duration(self) -> float:

@@ -8,12 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from optik.arm.plain import read_numbers, read_record, read_word
-from optik.arm.robot import Robot
+from optik.arm.plain import read_record, read_word
 from optik.errors import InvalidInput, NoSolution
 from optik.ik import get_solver
-from optik.scene import Scene
-from optik.scene.contact import find_contact, find_nearest_pairs
 from optik.types import Array
 from optik.view.show import Beam, Show, Track, select, thin
 from planners.cell.drives.base import Execution
@@ -26,8 +23,8 @@ from planners.following.failure import joint_unit
 from planners.following.follow import DEFAULT_TOLERANCE, JointPath, follow
 from planners.motion import Motion
 from planners.motion.show import MOST_INSTANTS, certificate_facts, plot_limits, sample_path, sample_track, show_motion
-from planners.paths import path_of
 from planners.paths.program import ProgramPath
+from planners.planning.failed import check_samples, make_track, show_failed_plan
 from planners.planning.planner import PATH_FRACTION
 from planners.planning.result import Plan, judge_certificate
 from planners.program.events import TimedEvent
@@ -151,7 +148,16 @@ def show_execution(execution: Execution) -> Show:
     title = f"{execution.robot.name}: {plan.law} on the drive {drive_words(execution.drive)}"
     show = show_motion(plan)
     facts = (*show.facts, *execution_facts(execution, unread))
-    return replace(show, title=title, planned=sample_track(planned), executed=executed, facts=facts)
+    return replace(
+        show, title=title, planned=sample_track(planned), executed=executed, facts=facts,
+        **_judge_execution(show, execution.status),
+    )  # fmt: skip
+
+
+def _judge_execution(show: Show, status: str) -> dict[str, Any]:
+    """Return the verdict on an execution and on its motion."""
+    good = show.good and status in ("done", "dry_run", "stopped")
+    return {"verdict": f"execution {str(status).replace('_', ' ')}; {show.verdict}", "good": good}
 
 
 def show_outcome(outcome: Outcome) -> Show:
@@ -257,59 +263,11 @@ def _add_rests(tracks: list[tuple[float, Track]]) -> Iterator[Track]:
 
 EXECUTION = "optik-execution/1"
 """Value of the key ``format`` in the file of an execution; a change of the keys needs another number."""
-FAILED_PLAN = "optik-failed-plan/2"
-"""Value of the key ``format`` in the file of a failed plan; no reader of motions accepts it."""
-JOINT_PATH_SAMPLES = 400
-"""Number of configurations that are written for the part of a path before the failure."""
-SHOWN_SPEED = 0.5
-"""Largest joint speed [rad/s, m/s] at which a viewer plays a joint path without times."""
-
-
-def failed_plan_data(plan: Plan) -> dict[str, Any]:
-    """Return a failed plan as plain data: why it failed, the configurations before the failure, and the nearest pair there."""
-    assert plan.failure is not None
-    failure, t, q = plan.failure, *_sample_before_failure(plan)
-    data: dict[str, Any] = {
-        "format": FAILED_PLAN, "failed": True, "status": str(plan.status), "s": failure.s, "joint": failure.joint,
-        "reason": failure.reason, "advice": failure.advice, "solver": plan.solver, "law": plan.law,
-        "robot": plan.robot.to_dict(), "path": plan.path.to_dict(), "t": t.tolist(), "q": q.tolist(),
-    }  # fmt: skip
-    if plan.scene is not None:
-        data["scene"] = plan.scene.to_dict()
-        if len(q):
-            near = find_contact(plan.robot, plan.scene, _find_nearest(plan.robot, plan.scene, q))
-            data["nearest"] = {"pair": list(near.pair), "distance": near.distance}
-    return data
-
-
-def _sample_before_failure(plan: Plan) -> tuple[Array, Array]:
-    """Return times (k,) [s] and configurations (k, n) [rad, m] of the invalid motion, or of the path before the failure."""
-    try:
-        track = sample_track(plan.trajectory)
-        return track.t, track.q
-    except NoSolution:
-        pass
-    assert plan.failure is not None
-    parts = getattr(plan, "parts", ())[: plan.failure.part]  # of a program
-    pieces = [(part.joint_path, part.joint_path.end) for part in parts]
-    if plan.prefix is not None:
-        pieces.append((plan.prefix, min(plan.prefix.end, plan.failure.s)))
-    if not pieces and not plan.path.in_joints:
-        return np.zeros(0), np.zeros((0, plan.robot.n))
-    q = np.concatenate([piece(np.linspace(0.0, end, JOINT_PATH_SAMPLES if end > 0.0 else 1)) for piece, end in pieces]
-                       or [plan.path.configurations(plan.robot, np.zeros(1))])  # fmt: skip
-    steps = np.maximum(np.abs(np.diff(q, axis=0)).max(axis=1), 1e-6)
-    return np.concatenate([[0.0], np.cumsum(steps) / SHOWN_SPEED]), q
-
-
-def _find_nearest(robot: Robot, scene: Scene, q: Array) -> Array:
-    """Return the configuration, out of (k, n), with the least distance between two shapes."""
-    return np.asarray(q[int(np.argmin(find_nearest_pairs(robot, scene, q)[0]))])
 
 
 def show_recorded(data: Mapping[str, Any]) -> Show:
     """Return the content of a viewer for a file of an execution or of a failed plan."""
-    return _show_execution(data) if data.get("format") == EXECUTION else _show_failed_plan(data)
+    return _show_execution(data) if data.get("format") == EXECUTION else show_failed_plan(data)
 
 
 def _show_execution(data: Mapping[str, Any]) -> Show:
@@ -318,12 +276,12 @@ def _show_execution(data: Mapping[str, Any]) -> Show:
         raise InvalidInput("PLAN", "an execution without a motion", expected)
     motion = from_plain(data["plan"])
     n, sent = motion.robot.n, read_record(data["setpoints"], ("t", "q"), "setpoints", optional=("dq", "ddq"))
-    t, q = _check_table(sent["t"], sent["q"], n, "setpoints")
-    rates = [_check_table(t, sent[name], n, f"setpoints.{name}")[1] for name in ("dq", "ddq") if name in sent]
-    planned = Track(t, q, *rates) if rates and np.isfinite([q, *rates]).all() else _make_track(t, q)
-    done, did = _check_table(data.get("t"), data.get("q"), n, "q")
-    speed = _check_table(data.get("t"), data.get("dq"), n, "dq")[1]
-    torque = None if data.get("torque") is None else _check_table(done, data["torque"], n, "torque")[1]
+    t, q = check_samples(sent["t"], sent["q"], n, "setpoints")
+    rates = [check_samples(t, sent[name], n, f"setpoints.{name}")[1] for name in ("dq", "ddq") if name in sent]
+    planned = Track(t, q, *rates) if rates and np.isfinite([q, *rates]).all() else make_track(t, q)
+    done, did = check_samples(data.get("t"), data.get("q"), n, "q")
+    speed = check_samples(data.get("t"), data.get("dq"), n, "dq")[1]
+    torque = None if data.get("torque") is None else check_samples(done, data["torque"], n, "torque")[1]
     executed, unread = thin_execution(done, did, speed, torque)
     drive = read_word(data.get("drive", ""), "drive")
     status = read_word(data.get("status", ""), "status").replace("_", " ")
@@ -331,53 +289,4 @@ def _show_execution(data: Mapping[str, Any]) -> Show:
     rows += [(name.capitalize(), read_word(data[name], name)) for name in ("reason", "advice") if data.get(name)]
     show, title = show_motion(motion), f"{motion.robot.name}: {motion.law} on the drive {drive_words(drive)}"
     facts = (*show.facts, *rows, *unread_facts(unread))
-    return replace(show, title=title, planned=planned, executed=executed, facts=facts)
-
-
-def _show_failed_plan(data: Mapping[str, Any]) -> Show:
-    missing = [key for key in ("robot", "path", "status", "reason", "advice", "t", "q") if key not in data]
-    if missing:
-        raise InvalidInput("PLAN", f"no {missing[0]}", "a failed plan, written by `optik plan`")
-    robot = Robot.from_dict(data["robot"])
-    path = path_of(data["path"], robot)
-    status, reason, advice = (read_word(data[key], key) for key in ("status", "reason", "advice"))
-    if not data["t"]:
-        raise NoSolution(f"a plan that failed without a configuration: {reason}", advice=advice)
-    t, q = _check_table(data["t"], data["q"], robot.n, "q")
-    rows = [("Plan", f"FAILED: {status.replace('_', ' ')}"), ("Reason", reason), ("Advice", advice)]
-    if isinstance(data.get("s"), float | int):
-        rows.append(("Failed at", f"s = {data['s']:.4g} of {path.end:.4g} {path.unit}"))
-    if isinstance(data.get("nearest"), Mapping):
-        near = read_record(data["nearest"], ("pair", "distance"), "nearest")
-        pair, distance = " and ".join(map(str, near["pair"])), float(read_numbers(near["distance"], (), "distance"))
-        rows.append(("Contact pair" if distance <= 0.0 else "Nearest pair", f"{pair}, {1e3 * distance:.3g} mm"))
-    scene = None if data.get("scene") is None else Scene.from_dict(data["scene"])
-    return Show(
-        robot,
-        f"{robot.name}: plan FAILED, {status.replace('_', ' ')}",
-        _make_track(t, q),
-        sample_path(path),
-        None,
-        scene,
-        facts=tuple(rows),
-    )
-
-
-def _check_table(t: Any, q: Any, n: int, name: str) -> tuple[Array, Array]:
-    """Return increasing times (k,) and rows (k, n); None stands for a missing value."""
-    try:
-        times, rows = np.array(t, dtype=np.float64), np.array(q, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InvalidInput(name, "something else", "lists of numbers") from None
-    if times.ndim != 1 or rows.shape != (times.size, n) or not times.size or not (np.diff(times) > 0.0).all():
-        raise InvalidInput(
-            name, f"shape {rows.shape} at {times.size} times", f"{n} numbers at each of some increasing times"
-        )
-    return times, rows
-
-
-def _make_track(t: Array, q: Array) -> Track:
-    """Return a track of configurations, with velocities from finite differences."""
-    if not np.isfinite(q).all():
-        raise InvalidInput("q", "numbers that are not finite", "finite set-points")
-    return Track(t, q, np.gradient(q, t, axis=0) if len(t) > 1 else np.zeros_like(q))
+    return replace(show, title=title, planned=planned, executed=executed, facts=facts, **_judge_execution(show, status))

@@ -12,7 +12,7 @@ import numpy as np
 
 from optik.arm.motors import ranges_of
 from optik.card import Bar, Card
-from optik.check import format_count, format_ratio, real_array
+from optik.check import describe_ratio, format_count, format_ratio, real_array
 from optik.errors import InvalidInput, InvalidMotion
 from optik.ik.base import Tolerance
 from optik.types import Array
@@ -34,6 +34,8 @@ from planners.limits.inputs import plain
 
 RATIO_ROUNDING = 1e-12
 """Largest excess of a ratio over 1 that counts as rounding error."""
+LIMITING, MOST_LIMITING = 0.99, 3
+"""Ratio from which a limit counts as what limits the motion, and largest number of limits that are named as such."""
 MOST_LIMITS = 7
 """Largest number of limits in a summary, by decreasing ratio."""
 
@@ -251,8 +253,7 @@ class Certificate:
         for field in self.enforced:
             ratio, subject, t = self.worst(field)
             if ratio > 1.0 + RATIO_ROUNDING:
-                much = f"{format_ratio(ratio)} of its limit" if ratio < float("inf") else "unbounded"
-                words = f"{field} of {subject} is {much} at t = {t:.6g} s"
+                words = f"{field} of {subject} is {describe_ratio(ratio)} at t = {t:.6g} s"
                 words += ", for this model of the masses" if field in LOADED else ""
                 joint = subject if subject in self.joint_names else None
                 found.append(Violation(words, t, word_of_limit(field), joint))
@@ -330,7 +331,7 @@ def describe_scope(proof: Certificate, name: str) -> str:
 def _limit_lines(proof: Certificate) -> list[str]:
     """Return the summary's lines on limits (peak / limit)."""
     bars = limit_bars(proof)
-    lines = [f"peak / limit, {bar.name}: {bar.ratio:.3g} ({bar.words})" for bar in bars]
+    lines = [f"peak / limit, {bar.name}: {format_ratio(bar.ratio)} ({bar.words})" for bar in bars]
     more = sum(not np.isnan(proof.worst(name)[0]) for name in (*ALL_LIMITS, *proof.extra)) - len(bars)
     return lines if more == 0 else [*lines[:-1], f"{lines[-1]}; {more} more limits with smaller ratios"]
 
@@ -391,20 +392,37 @@ class Binding(NamedTuple):
         return numbers | {"limit": list(self.limit), "joint": list(self.joint)}
 
 
-def active_constraints(parts: tuple[LimitedPart, ...], t: Array, s: Array) -> Binding:
-    """Return the peak ratio of every segment between knots, its limit and its joint.
+def active_constraints(parts: tuple[LimitedPart, ...], t: Array, s: Array, names: tuple[str, ...] = ()) -> Binding:
+    """Return the peak ratio of every segment between knots, its limit and its joint; of all limits, or of some.
 
     Joint ratios are exact; tool ratios are taken at both ends of each segment.
     """
     found = list[tuple[float, str, str]]()
     for part in parts:
         analysis, limits = part.analysis.bare(), part.limits.bounds(part.analysis.robot.n)
-        each = [(kind, limits[kind.name]) for kind in part.limits.kinds]
+        each = [(kind, limits[kind.name]) for kind in part.limits.kinds if not names or kind.name in names]
         ratios = np.concatenate([kind.piece_ratios(analysis, limit) for kind, limit in each], axis=1)
         columns = [(kind.name, subject) for kind, limit in each for subject in kind.subjects(analysis.robot, limit)]
         found += [(float(row[i]), *columns[i]) for row, i in zip(ratios, ratios.argmax(axis=1), strict=True)]
     ratio, limit, joint = zip(*found, strict=True)
     return Binding(t, s, np.diff(s) / np.diff(t), np.array(ratio), limit, joint)
+
+
+def find_enforced(proof: Certificate) -> Binding:
+    """Return the active constraint of each segment among the enforced limits; among all if none is enforced."""
+    return active_constraints(proof.parts, proof.t, proof.s, proof.enforced)
+
+
+def describe_limiting(proof: Certificate) -> list[str]:
+    """Return a line that says which enforced limits the motion is at, and for how much of the time; none if it is at none."""
+    active, times = find_enforced(proof), dict[str, float]()
+    for limit, joint, ratio, time in zip(active.limit, active.joint, active.ratio, np.diff(active.t), strict=True):
+        if ratio >= LIMITING and proof.is_valid:
+            words = f"{limit.replace('_', ' ')} of {joint}"
+            times[words] = times.get(words, 0.0) + float(time)
+    longest = sorted(times, key=times.__getitem__, reverse=True)[:MOST_LIMITING]
+    each = ", ".join(f"{words} for {100.0 * times[words] / proof.duration:.0f} %" for words in longest)
+    return [f"limited by {each} of the time"] if each else []
 
 
 def find_forbidden(proof: Certificate, allow: Allow) -> tuple[Violation, ...]:

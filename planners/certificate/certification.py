@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optik.arm.robot import Robot
-from optik.check import check_number
+from optik.check import check_keywords, check_number
 from optik.errors import InvalidInput
 from optik.ik.base import Tolerance, ToleranceLike
 from optik.scene import Scene
@@ -241,6 +241,7 @@ ENOUGH = 1.1
 """Ratio of the tolerance to the path error above which the bound on the path error is not refined."""
 
 
+@check_keywords
 def certify(
     robot: Robot, path: Path | ArrayLike | None, trajectory: Trajectory, limits: MotionLimits | None = None, *,
     law: str = "", enforced: tuple[str, ...] | None = None, rate: float = 1000.0,

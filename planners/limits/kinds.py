@@ -15,7 +15,7 @@ from optik.arm.plain import read_numbers
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput, UnknownName
 from optik.plugins.files import is_path
-from optik.registry import build_method, names
+from optik.registry import build_method, find_described, names
 from optik.types import Array, Flags
 from planners.limits.base import Limit, middle_and_half, ratio_to_limit, scale_of, sides, symmetric_limit
 from planners.limits.inputs import Extreme, Gears, LimitedMotion, PathPoints, ToolExtreme
@@ -426,7 +426,7 @@ def kind_of(name: str) -> Limit:
     found: Limit | None = _BY_NAME.get(name) or _ADDED.get(name)
     if found is None:
         if not is_path(name) and name not in names(FOLDER):
-            raise UnknownName("limit", name, limit_names())
+            raise UnknownName("limit", name, limit_names(), similar=find_described(FOLDER, name))
         found = build_method(FOLDER, name, "limit")
         if is_path(name):
             register(found)

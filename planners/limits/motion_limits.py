@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from optik.arm.limits import ByContent
 from optik.arm.plain import read_record
 from optik.arm.robot import Robot
+from optik.check import check_keywords
 from optik.errors import InvalidInput
 from optik.types import Array, content
 from planners.limits.base import Limit, ratio_to_limit, sides, symmetric_limit
@@ -57,6 +58,7 @@ def _find_records(robot: Robot) -> dict[str, Any]:
     return found
 
 
+@check_keywords
 @dataclass(frozen=True, eq=False)
 class MotionLimits(ByContent):
     """Limits of a motion; None where it is not limited.

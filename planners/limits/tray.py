@@ -1,4 +1,4 @@
-"""Limit for an object that stands on a tray: it neither slips nor tips."""
+"""Limit on the tilt and the acceleration of a tray: an object that stands on it neither slips nor tips."""
 
 from __future__ import annotations
 

@@ -4,19 +4,20 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import groupby
+from textwrap import wrap
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from optik.arm.robot import Robot
 from optik.card import COLOURS, MOST_POINTS, Card, Plot
-from optik.check import format_count
+from optik.check import describe_ratio, format_count
 from optik.errors import MissingDependency
 from optik.scene import Scene
 from optik.types import Array
 from optik.view.page import find_torques
 from optik.view.show import Show, Track
-from planners.certificate.certificate import Certificate, limit_bars, proof_facts, summary_lines
+from planners.certificate.certificate import Certificate, find_enforced, limit_bars, proof_facts, summary_lines
 from planners.certificate.certification import find_section_times
 from planners.limits import MotionLimits, sides
 from planners.motion.motion import HasMotion, Motion, get_motion
@@ -34,8 +35,12 @@ FIGURE_POINTS = 600
 """Number of instants of a figure's curves, besides the knots of the motion."""
 WIDE = 0.15
 """Fraction of the duration from which a run of segments has room for the name of its constraint."""
-ROW_HEIGHT = 150
-"""Height of a plot of a figure [px]."""
+ROW_HEIGHT, TITLE_WIDTH = 170, 46
+"""Height of a plot of a figure [px], and letters in a line of its title: a narrow page shows them all."""
+TOP = {"y": 1.0, "yref": "container", "yanchor": "top", "pad": {"t": 40}}
+"""Place of a figure's title."""
+INK, GRID = "#7d8590", "rgba(125,133,144,0.3)"
+"""Colours of the words and of the grid of a figure."""
 
 
 class Quantity(NamedTuple):
@@ -104,37 +109,60 @@ def plot_motion(motion: Motion, proof: Certificate, stops: tuple[Array, Array] |
 
     `stops` are times of the motion and the durations of the stops from them.
     """
-    try:
-        from plotly.subplots import make_subplots
-    except ModuleNotFoundError:
-        raise MissingDependency("plotly", "plan.plot()", "plot") from None
     robot, t = motion.robot, _instants(motion)
     rows = [(one, found) for one in QUANTITIES if (found := _curves(motion, one, t)) is not None]
     titles = [f"{one.title} [{one.unit(robot)}]" for one, _ in rows] + ["stopping time [s]"] * (stops is not None)
-    figure = make_subplots(
-        len(titles) + 1, 1, shared_xaxes=True, vertical_spacing=0.035, subplot_titles=[*titles, "active constraint"],
-        row_heights=[1.0] * len(titles) + [0.25],
-    )  # fmt: skip
+    title = f"{robot.name}, {motion.law or 'a motion'}: {proof.duration:.4g} s; {summary_lines(proof)[0]}"
+    figure = _make_figure([*titles, "active constraint"], [1.0] * len(titles) + [0.25], title, "t [s]")
     if stops is not None:
         figure.add_scatter(x=stops[0], y=stops[1], showlegend=False, line={"color": COLOURS[0]}, row=len(titles), col=1)
     for row, (quantity, values) in enumerate(rows, 1):
         _add_curves(figure, row, robot, t, values, _bounds(robot, motion.limits, quantity.limit))
     _add_active(figure, proof, len(titles) + 1)
     figure.update_yaxes(visible=False, row=len(titles) + 1)
-    figure.update_xaxes(title="t [s]", row=len(titles) + 1)
+    return figure
+
+
+def plot_positions(robot: Robot, t: Array, q: Array, time: str, title: str) -> Any:
+    """Return a figure of positions (k, n) alone, of a motion without a certificate; `time` is the title of its axis."""
+    figure = _make_figure([f"position [{QUANTITIES[0].unit(robot)}]"], [1.0], title, time)
+    _add_curves(figure, 1, robot, t, q, _bounds(robot, MotionLimits(), "position"))
+    return figure
+
+
+def _make_figure(titles: list[str], heights: list[float], title: str, time: str) -> Any:
+    """Return a figure without curves, with a row for each title; its colours are legible on white and on black."""
+    try:
+        from plotly.subplots import make_subplots
+    except ModuleNotFoundError:
+        raise MissingDependency("plotly", "plan.plot()", "plot") from None
+    figure = make_subplots(
+        len(titles), 1, shared_xaxes=True, vertical_spacing=0.035, subplot_titles=titles, row_heights=heights
+    )
+    lines, clear = wrap(title, TITLE_WIDTH), "rgba(0,0,0,0)"
+    top, bottom = 52 + 19 * len(lines), 110
+    height = ROW_HEIGHT * sum(heights) + top + bottom
+    figure.update_xaxes(title=time, row=len(titles))
+    figure.update_xaxes(gridcolor=GRID, zerolinecolor=GRID)
+    figure.update_yaxes(gridcolor=GRID, zerolinecolor=GRID)
     figure.update_annotations(font_size=13, x=0.0, xanchor="left")
-    title = f"{robot.name}, {motion.law or 'a motion'}: {proof.duration:.4g} s; {summary_lines(proof)[0]}"
-    heading = {"text": title, "font": {"size": 14}}
-    figure.update_layout(height=ROW_HEIGHT * len(titles) + 120, title=heading, margin={"t": 70, "b": 40})
+    figure.update_layout(
+        height=height, title={"text": "<br>".join(lines), "font": {"size": 14}, "x": 0.0, "xref": "paper"} | TOP,
+        margin={"t": top, "b": bottom, "l": 50, "r": 10}, font_color=INK, paper_bgcolor=clear, plot_bgcolor=clear,
+        legend={"orientation": "h", "yanchor": "top", "y": -45.0 / (height - top - bottom)},
+    )  # fmt: skip
     return figure
 
 
 def _add_curves(
     figure: Any, row: int, robot: Robot, t: Array, values: Array, bounds: tuple[Array, Array] | None
 ) -> None:
-    """Add the curves (k, n) of all joints and their limits to a row of a figure."""
+    """Add the curves (k, n) of all joints and their limits to a row of a figure; positions fill their row."""
     import plotly.graph_objects as go
 
+    if bounds is not None and bounds[0] is robot.limits.lower:
+        room = 0.05 * np.ptp(values) or 0.1
+        figure.update_yaxes(range=[values.min() - room, values.max() + room], row=row)
     for i, name in enumerate(robot.joint_names):
         one, look = {"name": name, "legendgroup": name}, {"color": COLOURS[i % len(COLOURS)], "width": 1.6}
         hover = f"{name}<br>%{{x:.4f}} s: %{{y:.5g}}<extra></extra>"
@@ -164,13 +192,13 @@ def _add_active(figure: Any, proof: Certificate, row: int) -> None:
     """Add a strip with the limit and the joint that have the largest ratio, for runs of segments with the same ones."""
     import plotly.graph_objects as go
 
-    active = proof.binding
+    active = find_enforced(proof)
     words = [f"{limit} of {joint}" for limit, joint in zip(active.limit, active.joint, strict=True)]
     colours = {word: COLOURS[k % len(COLOURS)] for k, word in enumerate(dict.fromkeys(words))}
     for word, run in groupby(range(len(words)), key=lambda k: words[k]):
         segments = list(run)
         begin, end = active.t[[segments[0], segments[-1] + 1]].tolist()
-        hover = f"{word}: {active.ratio[segments].max():.3g} of its limit<br>{begin:.4f} to {end:.4f} s<extra></extra>"
+        hover = f"{word}: {describe_ratio(active.ratio[segments].max())}<br>{begin:.4f} to {end:.4f} s<extra></extra>"
         wide = end - begin > WIDE * proof.duration
         strip = go.Scatter(
             x=[begin, 0.5 * (begin + end), end], y=[0.0] * 3, mode="lines+text", text=["", word if wide else "", ""],
@@ -237,7 +265,7 @@ def show_trajectory(
     track = sample_track(trajectory)
     return Show(
         robot, robot.name, track, robot.fk(track.q)[:, :3, 3], scene=scene, limits=plot_limits(limits, robot.n),
-        facts=certificate_facts(proof), bars=limit_bars(proof),
+        facts=certificate_facts(proof), bars=limit_bars(proof), verdict=summary_lines(proof)[0], good=proof.is_valid,
     )  # fmt: skip
 
 

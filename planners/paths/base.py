@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from optik.arm.plain import describe_difference
 from optik.arm.robot import Robot
-from optik.check import real_array
+from optik.check import check_keywords, real_array
 from optik.errors import InvalidInput
 from optik.types import Array
 from planners.paths.poses import find_nearest_on_path
@@ -115,6 +115,11 @@ class Path(Curve):
     asked: Asked = "pose"
     dropped: tuple[int, ...] = ()
     name: ClassVar[str]
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        if "__init__" in vars(cls):
+            check_keywords(cls)
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.end:.4g} {self.unit})"

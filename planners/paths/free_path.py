@@ -12,7 +12,7 @@ import numpy as np
 from optik import se3
 from optik.arm.plain import numbers_to_list, read_numbers
 from optik.arm.robot import Robot
-from optik.check import check_count, check_flag
+from optik.check import check_count, check_flag, check_keywords
 from optik.errors import InvalidInput
 from optik.types import Array, Indices
 from planners.freedom import Freedom, freedom_of, loaded_freedom
@@ -380,6 +380,7 @@ def _product(a: Array, b: Array) -> Array:
     return np.stack([sum(BINOMIAL[m, i] * a[:, i] * b[:, m - i] for i in range(m + 1)) for m in range(5)], axis=1)
 
 
+@check_keywords
 def free(
     path: Path, *, coefficients: int | None = None, hold_start: bool = True, starts: int = 6, **freedoms: Any
 ) -> FreePath:

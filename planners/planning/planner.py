@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from optik import newton
 from optik.arm.robot import Robot
-from optik.check import check_number
+from optik.check import check_number, describe_ratio
 from optik.errors import InvalidInput, NoSolution
 from optik.ik import IKSolver, SolverLike
 from optik.ik.base import Tolerance
@@ -132,7 +132,7 @@ class PlanRequest:
         field = max(proof.enforced, key=lambda f: np.nan_to_num(proof.worst(f)[0]))
         ratio, joint, t = proof.worst(field)
         s = proof.s_at(t)
-        what = f"the {field.replace('_', ' ')} of {joint} is {ratio:.9g} of its limit at t = {t:.6g} s"
+        what = f"the {field.replace('_', ' ')} of {joint} is {describe_ratio(ratio)} at t = {t:.6g} s"
         if not ratio > 1.0:
             what = proof.reasons[0]
         failure = PlanFailure(PlanStatus.LIMITS_EXCEEDED, s, joint, f"{what}, and strict=True", advice)

@@ -12,12 +12,12 @@ from numpy.typing import ArrayLike
 
 from optik.arm.robot import Robot
 from optik.card import Card
-from optik.check import check_number
+from optik.check import check_keywords, check_number
 from optik.errors import InvalidInput
 from optik.scene import Scene
 from optik.types import Array
 from optik.view.page import Page, show_page
-from planners.certificate.certificate import Certificate, shorten_text, summary_lines
+from planners.certificate.certificate import Certificate, describe_limiting, shorten_text, summary_lines
 from planners.certificate.violation import Allow, words_for
 from planners.files import save
 from planners.following.follow import JointPath, PlanFailure
@@ -29,6 +29,7 @@ from planners.motion.motion import Event, events_to_plain
 from planners.motion.show import motion_card, plot_motion, show_motion
 from planners.paths.base import Path
 from planners.paths.coordinates import CoordinateRange
+from planners.planning.failed import failed_plan_data, plot_failed_plan, show_failed_plan
 from planners.ros.export import RosExport
 from planners.timing.base import StopKind, speed_bound
 from planners.trajectory import Trajectory
@@ -237,7 +238,7 @@ class Plan:
         return Card(title=self._title, verdict=verdict, good=False, facts=facts).to_html()
 
     def plot(self) -> Any:
-        """Plot position, velocity, acceleration, jerk and torque over time against their limits.
+        """Plot position, velocity, acceleration, jerk and torque over time against their limits; or positions up to a failure.
 
         Returns
         -------
@@ -246,28 +247,23 @@ class Plan:
 
         Raises
         ------
-        NoSolution
-            The plan failed: there is no motion.
         MissingDependency
             Plotly is not installed.
         """
+        if not self.has_motion:
+            return plot_failed_plan(self)
         stops = vars(self).get("stopping")
         return plot_motion(self.motion, self.certificate, None if stops is None else (stops.t, stops.time))
 
     def show(self) -> Page:
-        """Show the motion: in the cell of a notebook, else in the browser.
+        """Show the motion, or the part before a failure: in the cell of a notebook, else in the browser.
 
         Returns
         -------
         Page
             The page; ``save(file)`` writes it.
-
-        Raises
-        ------
-        NoSolution
-            The plan failed: there is no motion.
         """
-        return show_page(show_motion(self))
+        return show_page(show_motion(self) if self.has_motion else show_failed_plan(failed_plan_data(self)))
 
     def __str__(self) -> str:
         lines, why, proof = [f"{self.status}: {self._title}"], self.failure, self._certificate
@@ -279,7 +275,7 @@ class Plan:
                 )
             lines += [f"reason: {shorten_text(why.reason)}", f"try: {shorten_text(why.advice)}"]
         if proof is not None:
-            lines += summary_lines(proof, self.least_duration)[why is not None :]
+            lines += [*summary_lines(proof, self.least_duration)[why is not None :], *describe_limiting(proof)]
             if self.limit_factor > 1.0:
                 lines.append(f"duration stretched by {100.0 * (self.limit_factor - 1.0):.3g} % to meet the limits")
         return "\n".join([*lines, *(str(x) for x in (self.slowness, self.resolution, self.freedom) if x is not None)])
@@ -355,6 +351,7 @@ class Plan:
 
         return find_stops(self)
 
+    @check_keywords
     def slowed_to(
         self, *, rms_torque: ArrayLike | None = None, cycle: float | None = None, stopping_time: float | None = None,
         stopping_distance: float | None = None,
@@ -514,6 +511,7 @@ class Plan:
         limit_factor = 1.0 if asked else factor * self.limit_factor
         return self.with_motion(self.trajectory.stretched(factor), limit_factor=limit_factor)
 
+    @check_keywords
     def save(
         self, file: str | os.PathLike[str], *, format: str | os.PathLike[str] | None = None,
         rate: float | None = None, allow: Allow = (),

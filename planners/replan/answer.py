@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optik.check import check_number
+from optik.check import check_keywords, check_number
 from optik.errors import InvalidInput, NoSolution
 from optik.ik.base import Tolerance, ToleranceLike
 from optik.scene import Scene
@@ -195,6 +195,7 @@ OTHER_MEANS = "other means of stopping the arm, which is already in this state"
 """Advice for a state in contact."""
 
 
+@check_keywords
 def replan(
     plan: Plan,
     state: float | tuple[ArrayLike, ArrayLike, ArrayLike],

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from optik import se3
 from optik.arm.limits import LIMIT_TOLERANCE
 from optik.arm.robot import Robot
-from optik.check import check_count
+from optik.check import check_count, check_keywords
 from optik.errors import InvalidInput, NoSolution
 from optik.ik.problem import check_start
 from optik.registry import build_method
@@ -105,6 +105,7 @@ MOST_PATHS, MOST_SHORTCUTS = 1_000, 1_000_000
 """Largest numbers of paths and of shortcuts that can be requested: more would take hours."""
 
 
+@check_keywords
 def find_path(
     robot: Robot,
     q_start: ArrayLike,

@@ -13,7 +13,7 @@ import scipy
 
 from optik.arm.motors import ranges_of
 from optik.arm.robot import Robot
-from optik.check import format_ratio
+from optik.check import describe_ratio, format_ratio
 from optik.scene import Scene
 from optik.types import Array
 from planners.certificate.analysis import MotionAnalysis, find_position_violations, reach_of
@@ -78,7 +78,7 @@ class StreamCertificate:
                 continue
             ratio, where, t = peak.worst(self.subjects[name])
             if ratio > 1.0 + (EXCESS if name in DERIVATIVES else RATIO_ROUNDING):
-                words = f"{name} of {where} is {format_ratio(ratio)} of its limit at t = {t:.6g} s"
+                words = f"{name} of {where} is {describe_ratio(ratio)} at t = {t:.6g} s"
                 found.append(Violation(words, t, word_of_limit(name), where if kind_of(name).subject is None else None))
         for value, name in zip(self.discontinuity, ("position", "velocity", "acceleration"), strict=True):
             if not value <= CONTINUOUS:
@@ -103,7 +103,7 @@ class StreamCertificate:
         lines = [f"certificate {verdict}", f"duration {self.duration:.3g} s, then at rest"]
         for name, peak in self.peaks.items():
             ratio, where, t = peak.worst(self.subjects[name])
-            lines += [] if np.isnan(ratio) else [f"peak / limit, {name}: {ratio:.3g} ({where} at {t:.3g} s)"]
+            lines += [] if np.isnan(ratio) else [f"peak / limit, {name}: {format_ratio(ratio)} ({where} at {t:.3g} s)"]
         return "\n".join([*lines, f"not covered: {', '.join(self.not_covered)}"])
 
 

@@ -16,7 +16,7 @@ import scipy
 from numpy.typing import ArrayLike
 
 from optik.arm.robot import Robot
-from optik.check import check_flag, check_number, format_value, real_array
+from optik.check import check_flag, check_keywords, check_number, format_value, real_array
 from optik.errors import InvalidInput, NoSolution
 from optik.scene import Scene
 from optik.types import Array
@@ -327,6 +327,7 @@ def _count(counts: dict[str, tuple[str, int]], text: str) -> None:
     counts[kind] = first, count + 1
 
 
+@check_keywords
 def stream(
     robot: Robot, source: Source, start: Any, *, rate: float = 1000.0, limits: MotionLimits | None = None,
     tolerance: float = 0.005, pace: float = 1.0, align: str = "nearest", longest: float = 0.04,
@@ -385,6 +386,7 @@ def stream(
 # ---------------- retarget()
 
 
+@check_keywords
 def retarget(
     motion: Any, at: float, onto: Any, *, limits: MotionLimits | None = None, tolerance: float = 0.005,
     pace: float = 1.0, align: str = "nearest", longest: float = 0.04, scene: Scene | None = None,

@@ -106,7 +106,7 @@ class ConstantSpeed(TimeLaw):
             longer = "a longer ramp= (at most 0.5); " if in_ramp and self.ramp < 0.5 else ""
             where = f"s = {worst.s:.6g}{f', in a ramp of {self.ramp:.3g} of the distance' if in_ramp else ''}"
             raise NoSolution(
-                f"a tool speed of {self.speed:.6g} is {format_ratio(self.speed / greatest, 6)} times too fast: the limit on "
+                f"a tool speed of {self.speed:.6g} is {format_ratio(self.speed / greatest)} times too fast: the limit on "
                 f"{worst.limit} is exceeded at {where}",
                 s=worst.s, joint=worst.joint,
                 advice=f"a speed of at most {_round_down(greatest):.6g}; {longer}or timing='optimal' with "

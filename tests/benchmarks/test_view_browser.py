@@ -266,6 +266,35 @@ def test_it_is_dark_where_the_system_is_and_fits_narrow_screens(opened: Browser)
         assert opened.run("document.getElementById('play').getBoundingClientRect().bottom") < 800
 
 
+BOXES = """(optikView.draw(), [...document.querySelectorAll('#labels span')].map(e => {
+    const b = e.getBoundingClientRect(); return [e.textContent, b.left, b.top, b.right, b.bottom]; }))"""
+"""Words in the picture, and the box of each."""
+
+
+@pytest.mark.parametrize(("width", "scheme"), [(1280, "light"), (700, "dark"), (400, "light")])
+def test_the_first_view_holds_the_tool_and_no_word_lies_on_another(
+    drawn: Browser, tmp_path: Path, width: int, scheme: str
+) -> None:
+    long = np.eye(4)
+    long[:3, 3] = [0.0, 0.3, 0.5]  # a tool far beyond its last capsule
+    robot, file = optik.load("panda").with_tool(long), tmp_path / "page.html"
+    q = robot.limits.middle + np.linspace(0.0, 0.05, 5)[:, None]
+    write_page(Show(robot, f"tool {width}", Track(np.arange(5.0), q, 0.0 * q), robot.fk(q)[:, :3, 3]), file)
+    drawn.emulate(width=width, scheme=scheme)
+    drawn.open(file)
+    drawn.until(f"document.title === 'tool {width}' && window.optikView")
+    u, v = drawn.run(f"optikView.draw(), optikView.project({robot.fk(q[0])[:3, 3].tolist()})")
+    size = drawn.run("(c => [c.clientWidth, c.clientHeight])(document.getElementById('canvas'))")
+    assert 0.02 * size[0] < u < 0.98 * size[0] and 0.02 * size[1] < v < 0.98 * size[1]
+    boxes = drawn.run(BOXES)
+    assert {"start", "goal", "tool"} <= {text for text, *_ in boxes}
+    for i, (one, left, top, right, bottom) in enumerate(boxes):
+        for other, *box in boxes[:i]:
+            apart = box[0] >= right - 1 or box[2] <= left + 1 or box[1] >= bottom - 1 or box[3] <= top + 1
+            assert apart, (one, other)
+    assert drawn.errors == []
+
+
 def test_without_webgl_the_numbers_work(drawn: Browser, page: Path) -> None:
     source = "HTMLCanvasElement.prototype.getContext = (own => function (kind, ...more) { return kind === 'webgl2' ? null : own.call(this, kind, ...more); })(HTMLCanvasElement.prototype.getContext)"  # noqa: E501
     script = drawn.send("Page.addScriptToEvaluateOnNewDocument", source=source)

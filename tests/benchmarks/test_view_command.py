@@ -37,6 +37,42 @@ def test_a_page_of_a_simulated_execution(typed: Any, motion: Path, tmp_path: Pat
     assert "on the drive ideal" in (tmp_path / "page.html").read_text()
 
 
+SHELF = """[[boxes]]
+name = "board"
+xyz_mm = [500.0, 0.0, 300.0]
+edges_mm = [300.0, 600.0, 20.0]
+"""
+URDF = """<robot name="crane"><link name="base"/><link name="mast"/><link name="hook"/>
+<joint name="swing" type="revolute"><parent link="base"/><child link="mast"/><axis xyz="0 0 1"/>
+<limit lower="-2" upper="2" velocity="1" effort="9"/></joint>
+<joint name="lift" type="prismatic"><parent link="mast"/><child link="hook"/><origin xyz="0.4 0 0.5"/><axis xyz="0 0 1"/>
+<limit lower="-0.2" upper="0.2" velocity="1" effort="9"/></joint></robot>
+"""
+
+
+@pytest.mark.parametrize(
+    ("words", "seen"),
+    [
+        (("ur5e",), "joint6"),
+        (("ur5e", "--start-deg", "0,-90,90,0,0,0"), "joint6"),
+        (("crane.urdf", "--start-deg", "10,50"), "swing"),
+        (("shelf.toml",), "board"),
+        (("shelf.toml", "--robot", "ur5e"), "board"),
+    ],
+)
+def test_a_page_of_an_arm_or_a_scene(
+    typed: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...], seen: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(webbrowser, "open", lambda url: True)
+    (tmp_path / "shelf.toml").write_text(SHELF)
+    (tmp_path / "crane.urdf").write_text(URDF)
+    status, _, said = typed("view", *words)
+    assert status == 0 and "rror" not in said, said
+    page = (tmp_path / words[0]).with_suffix(".html").read_text()
+    assert seen in page and ("goal" not in page.split("<script")[0])
+
+
 def failed(folder: Path, motion: Path) -> Path:
     file = folder / "failed.json"
     file.write_text('{"format": "optik-plan/2", "reason": "joint5 comes to its end", "s": 0.5, "advice": "turn back"}')
@@ -64,6 +100,9 @@ WRONG: dict[str, tuple[Any, tuple[str, ...], int, str]] = {
     "a page's suffix": (lambda folder, motion: motion, ("--html", "page.txt"), 2, "--html"),
     "an unwritable page": (lambda folder, motion: motion, ("--html", "/none/page.html"), 2, "/none/page.html"),
     "a real drive": (real, ("--drive", "./real.py"), 2, "simulated drive"),
+    "no arm": (lambda folder, motion: Path("ur5x"), (), 2, "FILE: unknown robot 'ur5x'; did you mean ur5"),
+    "no arm's file": (lambda folder, motion: Path("arm.urdf"), (), 2, "FILE: expected a file"),
+    "a drive of an arm": (lambda folder, motion: Path("ur5e"), ("--drive", "ideal"), 2, "--drive: expected a motion"),
     "no drive": (lambda folder, motion: motion, ("--drive", "idael"), 2, "ideal"),
 }
 

@@ -14,9 +14,10 @@ import pytest
 import optik
 import planners
 from optik.errors import NoSolution, OptikError
-from planners.cell.show import FAILED_PLAN, failed_plan_data, show_recorded
+from planners.cell.show import show_recorded
 from planners.following.failure import PlanFailure
 from planners.plan import PlanStatus
+from planners.planning.failed import FAILED_PLAN, failed_plan_data
 
 WALL = """[[planes]]
 name = "wall"

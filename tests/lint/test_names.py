@@ -24,7 +24,6 @@ SHARED = {
     "the work of a block's worker, and its drawing": {"draw", "solve"},
     "the start of a process": {"main"},
     "of parts of a link, not of objects in a scene or of a program": {"Hull", "Part", "find_hull"},
-    "for the page of a certificate, by that of texts": {"format_ratio"},
 }
 """Names of public functions and classes that stand in two folders, by their reason."""
 

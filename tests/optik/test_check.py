@@ -1,5 +1,8 @@
 """What people pass: numbers, counts and arrays, refused by name."""
 
+import inspect
+import pickle
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -7,9 +10,12 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
 import optik
+import planners
 from optik import se3
-from optik.check import check_count, check_flag, check_number, check_words, real_array
-from optik.errors import InvalidInput, OptikError
+from optik.check import check_count, check_flag, check_keywords, check_number, check_words, real_array
+from optik.errors import InvalidInput, OptikError, UnknownName
+
+ARM = optik.load("paper6r")
 
 
 @given(arrays(st.sampled_from(["f8", "f4", "i4", "u1", ">f8"]), array_shapes(min_dims=0, max_dims=4)))
@@ -20,6 +26,49 @@ def test_an_array_of_numbers_is_itself_as_float64_in_c_order(value):
         assert got.flags.c_contiguous
         assert got.shape == np.shape(form)
         np.testing.assert_array_equal(got, np.array(form, dtype=float))
+
+
+START = np.zeros(6)
+MISSPELLED = {
+    "a law's option": (
+        lambda: planners.plan(ARM, ARM.fk(START), START, speed=0.1),
+        'make_law("constant_speed", speed=0.1)',
+    ),
+    "a limit": (lambda: planners.plan(ARM, ARM.fk(START), START, jerk=5.0), "MotionLimits.of(robot, velocity="),
+    "its type": (lambda: planners.plan(ARM, ARM.fk(START), START, law="optimal"), "did you mean timing?"),
+    "angles": (lambda: se3.pose(rpy=[0, 0, 1]), "from_xyz_rpy(xyz, rpy_deg)"),
+    "a field": (lambda: planners.MotionLimits(acc=3), "did you mean acceleration?"),
+    "an object": (lambda: optik.Scene(boxs=[]), "did you mean boxes"),
+    "a path": (lambda: planners.Line(strat=1), "did you mean start"),
+    "a file": (lambda: optik.load("ur5e", tipp="x"), "did you mean tip?"),
+    "a method": (lambda: ARM.with_tool(tol=np.eye(4)), "did you mean tool"),
+    "a loader": (lambda: optik.Scene.load("x.yaml", robt=ARM), "did you mean robot?"),
+}
+
+
+@pytest.mark.parametrize("name", MISSPELLED)
+def test_a_keyword_that_does_not_exist_is_answered_in_a_short_line(name):
+    call, wanted = MISSPELLED[name]
+    with pytest.raises(UnknownName) as caught:
+        call()
+    assert wanted in str(caught.value) and len(str(caught.value)) <= 200 and "\n" not in str(caught.value)
+
+
+def test_checked_functions_keep_their_names_signatures_and_pickles():
+    assert list(inspect.signature(planners.plan).parameters)[:3] == ["robot", "path", "q_start"]
+    assert pickle.loads(pickle.dumps(planners.plan)) is planners.plan and planners.plan.__name__ == "plan"
+    assert inspect.signature(optik.Scene).parameters["margin"].default == 0.0
+
+    @check_keywords
+    def takes_all(x, **more):
+        return x, more
+
+    assert takes_all(1, y=2) == (1, {"y": 2})
+
+
+def test_the_options_of_a_law_are_listed():
+    with pytest.raises(InvalidInput, match=r"'constant_speed': speed, ramp; got velocity"):
+        planners.make_law("constant_speed", velocity=0.1)
 
 
 BAD_ARRAYS = {

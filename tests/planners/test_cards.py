@@ -3,6 +3,7 @@
 import html.parser
 import re
 import webbrowser
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,9 +11,10 @@ import pytest
 import optik
 import planners
 from optik.card import MOST_POINTS, Bar, Card, Plot
-from optik.errors import InvalidInput, NoSolution
+from optik.errors import InvalidInput
 from optik.view import Page
 from optik.view.page import MOST_PAGE
+from planners.certificate.certificate import find_enforced
 from planners.following.follow import _format
 from tests.planners.cases import START, paper6r
 from tests.planners.motions import planned
@@ -130,12 +132,30 @@ def test_a_figure_has_curves_limits_and_the_active_constraint() -> None:
                 assert levels == {-bound, bound}
     strips = [trace for trace in figure.data if trace.mode == "lines+text"]
     assert [strips[0].x[0], strips[-1].x[-1]] == [0.0, plan.trajectory.duration]
-    active = plan.certificate.binding
+    active = find_enforced(plan.certificate)
     for strip in strips:
         k = int(np.searchsorted(active.t, strip.x[1], side="right")) - 1
         assert strip.hovertemplate.startswith(f"{active.limit[k]} of {active.joint[k]}: ")
-    with pytest.raises(NoSolution):
-        failed().plot()
+    assert max(map(len, figure.layout.title.text.split("<br>"))) <= 50, "a title fits a page of 400 pixels"
+    low, high = figure.layout.yaxis.range
+    assert low < plan.trajectory(0.0).min() and high - low < 1.2 * np.ptp(
+        plan.trajectory(np.linspace(0, plan.duration))
+    )
+
+
+def test_a_failed_plan_is_plotted_and_shown_up_to_its_failure(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(webbrowser, "open", lambda url: True)
+    plan = failed()
+    assert plan.prefix is not None and plan.failure is not None
+    figure = plan.plot()
+    assert "plan FAILED" in figure.layout.title.text
+    ends = [trace.y[-1] for trace in figure.data if trace.mode is None]
+    np.testing.assert_allclose(ends, plan.prefix(plan.failure.s), atol=1e-9)
+    page = plan.show()
+    assert "plan FAILED" in page.html and plan.failure.reason.split(";")[0][:100] in page.html
+    robot = paper6r()
+    nowhere = replace(plan, prefix=None, path=planners.Line(robot.fk(START), robot.fk(START) + 9.0 * np.eye(4, k=3)))
+    assert "none is known on the path" in nowhere.show().html
 
 
 def test_a_page_opens_in_the_browser_or_in_a_cell(monkeypatch: pytest.MonkeyPatch, tmp_path) -> None:
@@ -151,8 +171,6 @@ def test_a_page_opens_in_the_browser_or_in_a_cell(monkeypatch: pytest.MonkeyPatc
         assert (tmp_path / "page.html").read_text("utf-8") == page.html
     with pytest.raises(InvalidInput):
         paper6r().show(np.full(6, np.nan))
-    with pytest.raises(NoSolution):
-        failed().show()
 
 
 # ---------------------------------------------------------------- methods of a notebook

@@ -48,7 +48,8 @@ def test_a_plan_prints_its_status_its_certificate_or_its_reason(made: dict[str, 
         lines = short(str(plan))
         assert lines[0].startswith(f"{plan.status}: {plan.robot.name}, Line of ")
         if plan.failure is None:
-            assert lines[1:] == str(plan.certificate).splitlines()
+            proof = str(plan.certificate).splitlines()
+            assert lines[1 : len(proof) + 1] == proof and lines[len(proof) + 1].startswith("limited by ")
         else:
             assert f"reason: {plan.failure.reason}" in lines
             assert f"try: {plan.failure.advice}" in lines
@@ -80,10 +81,24 @@ def test_of_many_limits_those_with_the_largest_ratios_are_printed(
     assert line.startswith("peak / limit, jerk: ") and line.endswith("; 2 more limits with smaller ratios")
 
 
+def test_a_plan_says_what_limits_it_for_how_much_of_the_time(made: dict[str, planners.Plan]) -> None:
+    plan = made["solved"]
+    (said,) = (line for line in str(plan).splitlines() if line.startswith("limited by "))
+    t = np.linspace(0.0, plan.duration, 20_001)
+    limits = ((name, plan.limits.arrays(ARM.n)[name]) for name in ("velocity", "acceleration", "jerk"))
+    ratios = np.concatenate([np.abs(plan.trajectory(t, k)) / limit for k, (_, limit) in enumerate(limits, 1)], axis=1)
+    names = [f"{name} of {joint}" for name in ("velocity", "acceleration", "jerk") for joint in ARM.joint_names]
+    for words, percent in re.findall(r"(\S+ of \S+) for (\d+) %", said):
+        at_limit = ratios[:, names.index(words)] > 0.985
+        assert 100.0 * at_limit.mean() >= int(percent) - 2, "a segment between knots is at its limit somewhere"
+    assert 0 < sum(map(int, re.findall(r"(\d+) %", said))) <= 101
+    assert not any("limited by" in str(plan) for plan in made.values() if not plan)
+
+
 def test_figures_have_three_digits(made: dict[str, planners.Plan]) -> None:
     for plan in made.values():
         ours = [line for line in str(plan).splitlines() if not line.startswith(("reason", "try"))]
-        assert not re.search(r"\d\.\d{4}", re.sub(r"0\.0*", "0.", "\n".join(ours)))
+        assert not re.search(r"\d\.\d{4}", re.sub(r"0\.(999+|0*)", "0.", "\n".join(ours)))
 
 
 def test_an_answer_of_inverse_kinematics_prints_its_status_first() -> None:
