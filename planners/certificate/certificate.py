@@ -397,13 +397,16 @@ def active_constraints(parts: tuple[LimitedPart, ...], t: Array, s: Array, names
 
     Joint ratios are exact; tool ratios are taken at both ends of each segment.
     """
-    found = list[tuple[float, str, str]]()
+    found, end = list[tuple[float, str, str]](), float(t[0])
     for part in parts:
         analysis, limits = part.analysis.bare(), part.limits.bounds(part.analysis.robot.n)
         each = [(kind, limits[kind.name]) for kind in part.limits.kinds if not names or kind.name in names]
         ratios = np.concatenate([kind.piece_ratios(analysis, limit) for kind, limit in each], axis=1)
         columns = [(kind.name, subject) for kind, limit in each for subject in kind.subjects(analysis.robot, limit)]
+        found += [(0.0, *columns[0])] if part.begin > end + 1e-9 else []  # a wait
+        end = part.begin + analysis.trajectory.duration
         found += [(float(row[i]), *columns[i]) for row, i in zip(ratios, ratios.argmax(axis=1), strict=True)]
+    found += [(0.0, *columns[0])] if t[-1] > end + 1e-9 else []
     ratio, limit, joint = zip(*found, strict=True)
     return Binding(t, s, np.diff(s) / np.diff(t), np.array(ratio), limit, joint)
 
