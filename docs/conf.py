@@ -14,6 +14,7 @@ from sphinx.application import Sphinx
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 os.environ["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"  # the notebooks call `optik`
+os.environ["OPTIK_COMPILES"] = "quiet"  # what `optik kernels --compile` left out
 
 from docs.generate import list_reference, write_pages
 

@@ -219,7 +219,7 @@ def zones(camera: Camera) -> Image.Image:
     camera.view(show_motion(plan), SIZE)
     points = plan.path.pose(np.linspace(0.0, plan.path.end, 200))[:, :3, 3]
     middle = (0.5 * (points.min(axis=0) + points.max(axis=0))).tolist()
-    camera.browser.run(f"(c => {{ c.target = {middle}; c.distance *= 0.7; c.azimuth += 0.5 }})(optikView.camera)")
+    camera.browser.run(f"(c => {{ c.target = {middle}; c.distance *= 0.8; c.azimuth += 0.9 }})(optikView.camera)")
     return camera.at(0.3)
 
 
