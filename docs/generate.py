@@ -113,9 +113,7 @@ def list_reference(text: str) -> str:
             for name, thing in rows
         ]
         table = "".join(f"| {link} | {words.replace('|', chr(92) + '|')} |\n" for link, words in cells)
-        pages = "".join(f"../generated/reference/{name}\n" for name, _ in rows)
-        links = f"| | |\n|---|---|\n{table}\n```{{toctree}}\n:hidden:\n\n{pages}```\n"
-        text = text.replace(f"```{{eval-rst}}\n{block}```\n", links)
+        text = text.replace(f"```{{eval-rst}}\n{block}```\n", f"| | |\n|---|---|\n{table}\n")
     return text
 
 
@@ -157,16 +155,14 @@ def write_command_line() -> None:
     """Write the list of all commands, and a page for each."""
     from benchmarks.cli.app import app
 
-    rows = pages = ""
+    rows = ""
     for words, command in walk("optik", typer.main.get_command(app)):
         name = words.removeprefix("optik ").replace(" ", "_")
         (OUT / "commands" / f"{name}.md").write_text(describe_command(words, command), encoding="utf-8")
         first = " ".join(inspect.cleandoc(command.help or "").partition("\n\n")[0].split())
         rows += f"| [`{words}`](commands/{name}.md) | {first} |\n"
-        pages += f"commands/{name}\n"
     text = f"Each command prints its page with `--help`.\n\n| | |\n|---|---|\n{rows}"
-    toctree = f"```{{toctree}}\n:hidden:\n\n{pages}```\n"
-    (OUT / "command_line.md").write_text(f"# Command line\n\n{text}\n{toctree}", encoding="utf-8")
+    (OUT / "command_line.md").write_text(f"# Command line\n\n{text}", encoding="utf-8")
 
 
 def describe_command(words: str, command: Any) -> str:
@@ -199,16 +195,16 @@ def walk(words: str, command: Any) -> list[tuple[str, Any]]:
 
 def write_gallery() -> None:
     """Run each example, and write its page: a picture, what it prints, its code, and a download; and a card for each task."""
-    pictures, pages = {page: name for cards in GALLERY.values() for _, name, page in cards}, ""
+    cards, pages = {card[2]: card for task in GALLERY.values() for card in task}, ""
     for file in sorted((ROOT / "examples").glob("*.py")):
-        title = (inspect.cleandoc(file.read_text(encoding="utf-8").split('"""')[1]).splitlines()[0]).rstrip(".")
+        first = inspect.cleandoc(file.read_text(encoding="utf-8").split('"""')[1]).splitlines()[0]
         printed, viewer = run_example(file)
-        name = pictures[f"gallery/{file.stem}"]
+        title, name, _ = cards[f"gallery/{file.stem}"]
         picture = viewer or (f"![{title}](../../pictures/{name}.webp)\n" if name else "")
         times = f", with times that were {MEASURED_LABEL}" if MEASURED.search(printed) else ""
         link = f"../../../examples/{file.name}"
         (OUT / "gallery" / f"{file.stem}.md").write_text(
-            f"# {title}\n\n{picture}\nIt prints{times}:\n\n```text\n{printed}```\n\n"
+            f"# {title}\n\n{first}\n\n{picture}\nIt prints{times}:\n\n```text\n{printed}```\n\n"
             f"{{download}}`{file.name} <{link}>`:\n\n```{{literalinclude}} {link}\n```\n",
             encoding="utf-8",
         )
