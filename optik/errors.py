@@ -156,11 +156,9 @@ class UnknownName(OptikError, LookupError):
         close = [typed] if typed in spelled else get_close_matches(typed, spelled, n=3, cutoff=0.4)
         self.nearest = tuple(similar) or tuple(spelled[each] for each in close)
         hint = f"did you mean {' or '.join(self.nearest)}?" if self.nearest and not advice else ""
-        there_are = f"there are: {', '.join(self.known) or 'none'}"
-        if (hint or advice) and len(there_are) > LONGEST_LIST:
-            there_are = ""
-        meant = " ".join(filter(None, (hint, there_are)))
-        super().__init__("; ".join(filter(None, (f"unknown {kind} {name!r}", meant, advice))))
+        listed = f"there are: {', '.join(self.known) or 'none'}"
+        listed = "" if (hint or advice) and len(listed) > LONGEST_LIST else listed
+        super().__init__("; ".join(filter(None, (f"unknown {kind} {name!r}", f"{hint} {listed}".strip(), advice))))
 
     def __str__(self) -> str:  # a LookupError would show its message in quotes
         return str(self.args[0])

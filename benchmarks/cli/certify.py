@@ -26,10 +26,8 @@ from benchmarks.cli.command import (
 )
 from benchmarks.cli.motion import read_motion
 from benchmarks.cli.plan import (
-    SMOOTH,
     SceneCommand,
-    describe_clearance,
-    describe_effort,
+    print_facts,
 )
 from benchmarks.cli.readers import read_configuration, read_number_list
 from benchmarks.provenance import version_here
@@ -246,12 +244,7 @@ def _print(arm: optik.Robot, proof: Certificate, reference: GivenPath | None, ti
     if proof.clearance is None:
         table.add_row("clearance", "", "", "", NOT_JUDGED)
     out_console.print(table)
-    tool = f"tool speed at most {proof.tool_speed.value:.3g} m/s, smallest singular value {proof.singular_value:.3g}"
-    out_console.print(f"{tool} at {proof.t_singular_value:.3f} s, {SMOOTH[proof.continuous]}", soft_wrap=True)
-    if proof.energy is not None:
-        out_console.print(describe_effort(proof, arm, getattr(path, "robots", ())), soft_wrap=True)
-    if proof.clearance is not None:
-        out_console.print(describe_clearance(proof.clearance), soft_wrap=True)
+    print_facts(proof, arm, getattr(path, "robots", ()))
 
 
 def _position_row(arm: optik.Robot, proof: Certificate) -> tuple[str, ...]:

@@ -35,7 +35,7 @@ from optik.arm.motors import from_maker, maker_joints
 from optik.arm.urdf import TIP_ADVICE
 from optik.errors import InvalidInput, OptikError, RobotModelError, UnknownName
 from optik.plugins.files import is_path
-from optik.registry import names, short_name
+from optik.registry import data_file, names, short_name
 
 # ---------------- errors of the parser as one line
 
@@ -191,8 +191,9 @@ def numbers(panel: str, help: str, default: Any = None) -> Any:
     return option(panel, help, default, metavar=NUMBERS)
 
 
-def argument(metavar: str, help: str, check: Any = None) -> Any:
-    """Return a field of a command that is an argument; `check` returns its value, before an option is missed."""
+def argument(metavar: str, help: str, group: str = "") -> Any:
+    """Return a field of a command that is an argument; a name of a group is checked before a missing option is named."""
+    check = (lambda name: data_file(group, name, metavar.lower()) and name) if group else None
     return field(metadata={"typer": typer.Argument(metavar=metavar, help=help, callback=check)})
 
 

@@ -48,9 +48,6 @@ if TYPE_CHECKING:
 STORED_MOTION = f"a motion that `optik plan … --out FILE` wrote: {MOTION_SUFFIXES}"
 """Files that `optik drive` reads; `optik view` also reads an execution and a failed plan."""
 
-SCENE_SUFFIXES = (".yaml", ".yml", ".scene")
-"""Suffixes of files that are scenes, of no arm."""
-
 DRIVE_HELP = f"Drive, one of: {', '.join(names('planners.cell.drives'))}; or a file, ./lagging.py"
 """Begin of the help of options that name a drive."""
 
@@ -285,7 +282,9 @@ class ViewCommand(StartCommand):
 
         name, suffix = str(self.plan), Path(split_links(str(self.plan))[0]).suffix.lower()
         content = read_bytes(self.plan) if suffix == ".toml" and self.plan.is_file() else b"convention"
-        is_scene = self.robot != RobotCommand.robot or suffix in SCENE_SUFFIXES or b"convention" not in content
+        is_scene = (
+            self.robot != RobotCommand.robot or suffix in (".yaml", ".yml", ".scene") or b"convention" not in content
+        )
         is_name = name.startswith(PREFIX) or not (suffix or self.plan.exists())
         if not (is_scene or is_name or suffix in (*URDF, ".toml", ".py")):
             return None

@@ -65,31 +65,25 @@ def describe_effort(proof: Any, robot: Any, robots: Sequence[Any] = ()) -> str:
     return words
 
 
-SMOOTH = {
-    -1: "discontinuous positions",
-    0: "discontinuous velocities",
-    1: "discontinuous accelerations",
-    2: "continuous accelerations",
-    3: "continuous jerks",
-}
-"""Meaning of `Certificate.continuous`."""
+def print_facts(proof: Any, robot: Any, robots: Sequence[Any] = ()) -> None:
+    """Print path error, tool speed, singular value, clearance, energy and power of a motion."""
+    from planners.certificate.certificate import fact_lines
 
-
-def describe_clearance(found: Any) -> str:
-    """Describe the least distances to the scene and between links, each with its margin."""
-    lines = [f"clearance {words}, proved for these shapes: {kind.describe()}" for words, kind in found.kinds.items()]
-    lines += [f"note: {found.note}"] if found.note else []
-    return "\n".join(
-        [*lines, f"{len(found.left_out)} pairs of links are not checked; --json lists them with the reasons"]
-    )
+    lines = [*fact_lines(proof), *([] if proof.energy is None else [describe_effort(proof, robot, robots)])]
+    if proof.clearance is not None:
+        lines.append(
+            f"{len(proof.clearance.left_out)} pairs of links are not checked; --json lists them with the reasons"
+        )
+    for line in lines:
+        out_console.print(translate(line), soft_wrap=True)
 
 
 def print_certificate(plan: Any, by_law: tuple[str, ...]) -> None:
     """Print a plan's certificate; `by_law` are the limits that its time law enforces."""
-    from planners.certificate.certificate import describe_limiting, describe_scope
+    from planners.certificate.certificate import describe_scope, summary_lines
     from planners.limits import ALL_LIMITS, DERIVATIVES
 
-    proof, off = plan.certificate, plan.certificate.path_error
+    proof = plan.certificate
     limits = (*ALL_LIMITS, *proof.extra)
     way = f"{1e3 * plan.path.end:.1f} mm" if plan.path.unit == "m" else f"{np.degrees(plan.path.end):.4g}°"
     arms, parts = getattr(plan.path, "robots", (plan.robot,)), getattr(plan, "parts", ())
@@ -99,10 +93,8 @@ def print_certificate(plan: Any, by_law: tuple[str, ...]) -> None:
     table = Table("", "peak / limit", "joint", "time, s", f"enforced by {plan.law}", title=title)
     for field in limits:
         ratio, joint, t = proof.worst(field)
-        name, required = (
-            field.replace("_", " "),
-            "yes" if field in by_law else "no, but given" if field in proof.enforced else "no",
-        )
+        name = field.replace("_", " ")
+        required = "yes" if field in by_law else "no, but given" if field in proof.enforced else "no"
         if not np.isnan(ratio):
             table.add_row(name, format_ratio(ratio), joint, f"{t:.3f}", required)
         elif field in DERIVATIVES:
@@ -112,34 +104,13 @@ def print_certificate(plan: Any, by_law: tuple[str, ...]) -> None:
         out_console.print(f"limit on {name.replace('_', ' ')}{describe_scope(proof, name)}")
     if plan.least_duration:
         out_console.print(f"least duration {plan.least_duration:.4f} s: the slowest joint alone, from rest to rest")
-    angle = f" and {1e6 * off.angle:.3g} µrad" + " of the axis" * (proof.asked == "axis")
-    out_console.print(
-        f"path error at most {1e6 * off.distance:.3g} µm{angle * (proof.asked != 'point')} (proved for every instant), "
-        f"tool speed at most {proof.tool_speed.value:.3g} m/s, smallest singular value "
-        f"{proof.singular_value:.3g} at {proof.t_singular_value:.3f} s, {SMOOTH[proof.continuous]}"
-    )
-    if proof.energy is not None:
-        out_console.print(describe_effort(proof, plan.robot, arms))
-    if proof.clearance is not None:
-        out_console.print(describe_clearance(proof.clearance))
-    for line in describe_limiting(proof):
-        out_console.print(line, soft_wrap=True)
-    if plan.limit_factor > 1.0:
-        stretch = 100.0 * (plan.limit_factor - 1.0)
-        out_console.print(f"duration stretched by {stretch:.3g} % to meet the limits")
+    print_facts(proof, plan.robot, arms)
     beyond = [f for f in limits if f not in proof.enforced and proof.worst(f)[0] > 1.0]
     if beyond:
         words = ", ".join(f"{f.replace('_', ' ')} {describe_ratio(proof.worst(f)[0])}" for f in beyond)
         out_console.print(f"exceeded, since not enforced by {plan.law}: {words}", style="yellow")
-    if proof.is_valid:
-        kept = (
-            "every limit that the law enforces is respected at every instant"
-            if proof.enforced
-            else f"joint ranges and path are respected; {plan.law} enforces no other limit"
-        )
-        out_console.print(f"certificate valid: {kept}", style="green")
-    else:
-        out_console.print("certificate NOT valid: " + translate("; ".join(proof.reasons)), style="yellow")
+    verdict = summary_lines(proof)[0] if proof.is_valid else f"certificate NOT valid: {'; '.join(proof.reasons)}"
+    out_console.print(translate(verdict), style="green" if proof.is_valid else "yellow")
 
 
 def _print_corners(plan: Any) -> None:
@@ -165,41 +136,24 @@ def _print_corners(plan: Any) -> None:
 
 
 def print_choice(plan: Any) -> None:
-    """Print what a plan chose: the freedoms of its path, and how it avoided obstacles."""
+    """Print what a plan chose, and how it avoided obstacles."""
     from planners.paths.free_path import FreePath
     from planners.paths.point_to_point import PointToPoint
 
-    chosen, search = plan.freedom, plan.search
+    search = plan.search
     _print_corners(plan)
-    if plan.resolution is not None:
-        out_console.print(translate(str(plan.resolution)).strip(), soft_wrap=True)
+    for line in plan.remarks:
+        out_console.print(translate(line), soft_wrap=True)
     if search is not None:
         words = f"{format_count(search.rounds, 'round')} of path and timing"
         if not isinstance(plan.path, FreePath):  # which is not searched
             paths = format_count(search.paths, "initial path")
             words = f"{search.planner} with {search.samples} random configurations, {paths}, {words}"
         out_console.print(f"search: {words}", soft_wrap=True)
-    if chosen is None:
-        return
-    words = f"free path: {chosen.outcome}"
-    if chosen.gain > 0.0:
-        words += f", {100.0 * chosen.gain:.3g} % shorter than {chosen.fixed_duration:.4f} s along the initial path"
-    tried = f"{chosen.starts} initial guess{'es' * (chosen.starts != 1)}, {chosen.steps} Newton steps"
-    out_console.print(f"{words} ({tried})" if chosen.starts else words, soft_wrap=True)
-    for one in chosen.ranges if chosen.gain > 0.0 else ():
-        factor, unit = (180.0 / np.pi, "°") if one.unit == "rad" else (1e3, " mm")
-        low, high = (f"{factor * x:.3g}" for x in one.reached)
-        allowed = "no bounds"
-        if np.isfinite(one.allowed).all():
-            allowed = f"allowed {factor * one.allowed[0]:.3g} to {factor * one.allowed[1]:.3g}{unit}"
-        out_console.print(f"  {one.name}: {low} to {high}{unit} (proved; {allowed})", soft_wrap=True)
     if isinstance(plan.path, PointToPoint) and plan.path.vias and plan:
         away, turned = plan.path.via_errors.max(axis=0)
         words = f"at most {1e3 * away:.3g} mm and {np.degrees(turned):.3g}° away"
-        out_console.print(f"  via points: {len(plan.path.vias)}, passed in order, {words}", soft_wrap=True)
-    if chosen.gain > 0.0 and np.isfinite(chosen.distance):
-        off = f"{1e3 * chosen.distance:.3g} mm and {np.degrees(chosen.angle):.3g}°"
-        out_console.print(f"  tool at most {off} from the given path (proved)", soft_wrap=True)
+        out_console.print(f"via points: {len(plan.path.vias)}, passed in order, {words}", soft_wrap=True)
 
 
 # ---------------- `optik plan`

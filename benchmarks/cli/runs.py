@@ -29,7 +29,6 @@ from benchmarks.cli.command import (
     show_status,
 )
 from optik.errors import InvalidInput
-from optik.registry import data_file
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -65,12 +64,6 @@ WORKERS_HELP = "Number of processes. It does not change results, only measured t
 # ---------------------------------------------------------------- optik bench run, optik demo
 
 
-def _check_suite(name: str) -> str:
-    """Return the name of a suite, or of a file."""
-    data_file("benchmarks.suites", name, "suite")
-    return name
-
-
 @dataclass(frozen=True, kw_only=True)
 class RunCommand(JsonCommand):
     """Run a suite. Interrupted? Repeat the command to resume.
@@ -80,7 +73,7 @@ class RunCommand(JsonCommand):
     cannot be written; 130 after Ctrl-C.
     """
 
-    suite: str = argument("SUITE", "A name from `optik bench list`, or a TOML file.", _check_suite)
+    suite: str = argument("SUITE", "A name from `optik bench list`, or a TOML file.", "benchmarks.suites")
     out: Path = option("Options", "Folder of the run: new, empty, or with an interrupted run of the same suite.", ...)
     workers: int = option("Options", WORKERS_HELP, 1)
     dask: str = option("Options", "Run on the Dask cluster of this scheduler: tls://HOST:PORT.", "", metavar="ADDRESS")

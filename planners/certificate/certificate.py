@@ -34,6 +34,8 @@ from planners.limits.inputs import plain
 
 RATIO_ROUNDING = 1e-12
 """Largest excess of a ratio over 1 that counts as rounding error."""
+SAME_TIME = 1e-9
+"""Largest difference of times [s] that is rounding: a wait is longer."""
 LIMITING, MOST_LIMITING = 0.99, 3
 """Ratio from which a limit counts as what limits the motion, and largest number of limits that are named as such."""
 MOST_LIMITS = 7
@@ -305,7 +307,7 @@ def summary_lines(proof: Certificate, least: float | None = None) -> list[str]:
         more = f" (and {format_count(others, 'more violation')})" if others else ""
         status = f"certificate NOT valid: {shorten_text(proof.reasons[0])}{more}"
     joints = f" (slowest joint alone: {least:.3g} s)" if least else ""
-    return [status, f"duration {proof.duration:.3g} s{joints}", *_limit_lines(proof), *_tool_lines(proof)]
+    return [status, f"duration {proof.duration:.3g} s{joints}", *_limit_lines(proof), *fact_lines(proof)]
 
 
 def limit_bars(proof: Certificate) -> list[Bar]:
@@ -350,8 +352,8 @@ def proof_facts(proof: Certificate) -> list[tuple[str, str]]:
     return facts
 
 
-def _tool_lines(proof: Certificate) -> list[str]:
-    """Return the lines on path error, tool speed and clearance."""
+def fact_lines(proof: Certificate) -> list[str]:
+    """Return the lines on path error, tool speed, smallest singular value and clearance."""
     facts = [f"{name} {words}" for name, words in proof_facts(proof)]
     clear = [fact for fact in facts if fact.startswith("clearance")]
     return [", ".join(fact for fact in facts if fact not in clear), *clear]
@@ -397,16 +399,16 @@ def active_constraints(parts: tuple[LimitedPart, ...], t: Array, s: Array, names
 
     Joint ratios are exact; tool ratios are taken at both ends of each segment.
     """
-    found, end = list[tuple[float, str, str]](), float(t[0])
+    found, end = list[tuple[float, str, str]](), 0.0
     for part in parts:
+        found += [(0.0, "", "")] * (part.begin > end + SAME_TIME)  # a wait between two sections
+        end = part.begin + part.analysis.trajectory.duration
         analysis, limits = part.analysis.bare(), part.limits.bounds(part.analysis.robot.n)
         each = [(kind, limits[kind.name]) for kind in part.limits.kinds if not names or kind.name in names]
         ratios = np.concatenate([kind.piece_ratios(analysis, limit) for kind, limit in each], axis=1)
         columns = [(kind.name, subject) for kind, limit in each for subject in kind.subjects(analysis.robot, limit)]
-        found += [(0.0, *columns[0])] if part.begin > end + 1e-9 else []  # a wait
-        end = part.begin + analysis.trajectory.duration
         found += [(float(row[i]), *columns[i]) for row, i in zip(ratios, ratios.argmax(axis=1), strict=True)]
-    found += [(0.0, *columns[0])] if t[-1] > end + 1e-9 else []
+    found += [(0.0, "", "")] * bool(t[-1] > end + SAME_TIME)  # a wait at the end
     ratio, limit, joint = zip(*found, strict=True)
     return Binding(t, s, np.diff(s) / np.diff(t), np.array(ratio), limit, joint)
 
@@ -417,10 +419,12 @@ def find_enforced(proof: Certificate) -> Binding:
 
 
 def describe_limiting(proof: Certificate) -> list[str]:
-    """Return a line that says which enforced limits the motion is at, and for how much of the time; none if it is at none."""
+    """Return a line that says which enforced limits a valid motion is at, and for how much of the time; else none."""
+    if not (proof.is_valid and proof.enforced):
+        return []
     active, times = find_enforced(proof), dict[str, float]()
     for limit, joint, ratio, time in zip(active.limit, active.joint, active.ratio, np.diff(active.t), strict=True):
-        if ratio >= LIMITING and proof.is_valid:
+        if ratio >= LIMITING:
             words = f"{limit.replace('_', ' ')} of {joint}"
             times[words] = times.get(words, 0.0) + float(time)
     longest = sorted(times, key=times.__getitem__, reverse=True)[:MOST_LIMITING]

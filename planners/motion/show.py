@@ -126,7 +126,7 @@ def plot_motion(motion: Motion, proof: Certificate, stops: tuple[Array, Array] |
 def plot_positions(robot: Robot, t: Array, q: Array, time: str, title: str) -> Any:
     """Return a figure of positions (k, n) alone, of a motion without a certificate; `time` is the title of its axis."""
     figure = _make_figure([f"position [{QUANTITIES[0].unit(robot)}]"], [1.0], title, time)
-    _add_curves(figure, 1, robot, t, q, _bounds(robot, MotionLimits(), "position"))
+    _add_curves(figure, 1, robot, t, q, (robot.limits.lower, robot.limits.upper) if t.size else None)
     return figure
 
 
@@ -193,7 +193,9 @@ def _add_active(figure: Any, proof: Certificate, row: int) -> None:
     import plotly.graph_objects as go
 
     active = find_enforced(proof)
-    words = [f"{limit} of {joint}" for limit, joint in zip(active.limit, active.joint, strict=True)]
+    words = [
+        f"{limit} of {joint}" if joint else "at rest" for limit, joint in zip(active.limit, active.joint, strict=True)
+    ]
     colours = {word: COLOURS[k % len(COLOURS)] for k, word in enumerate(dict.fromkeys(words))}
     for word, run in groupby(range(len(words)), key=lambda k: words[k]):
         segments = list(run)

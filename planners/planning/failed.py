@@ -29,7 +29,6 @@ SHOWN_SPEED = 0.5
 
 def failed_plan_data(plan: Any) -> dict[str, Any]:
     """Return a failed plan as plain data: why it failed, the configurations before the failure, and the nearest pair there."""
-    assert plan.failure is not None
     failure, t, q = plan.failure, *_sample_before_failure(plan)
     data: dict[str, Any] = {
         "format": FAILED_PLAN, "failed": True, "status": str(plan.status), "s": failure.s, "joint": failure.joint,
@@ -39,7 +38,7 @@ def failed_plan_data(plan: Any) -> dict[str, Any]:
     if plan.scene is not None:
         data["scene"] = plan.scene.to_dict()
         if len(q):
-            near = find_contact(plan.robot, plan.scene, _find_nearest(plan.robot, plan.scene, q))
+            near = find_contact(plan.robot, plan.scene, q[np.argmin(find_nearest_pairs(plan.robot, plan.scene, q)[0])])
             data["nearest"] = {"pair": list(near.pair), "distance": near.distance}
     return data
 
@@ -49,7 +48,6 @@ def _sample_before_failure(plan: Any) -> tuple[Array, Array]:
     if plan.has_motion:
         track = sample_track(plan.trajectory)
         return track.t, track.q
-    assert plan.failure is not None
     parts = getattr(plan, "parts", ())[: plan.failure.part]  # of a program
     pieces = [(part.joint_path, part.joint_path.end) for part in parts]
     if plan.prefix is not None:
@@ -62,15 +60,9 @@ def _sample_before_failure(plan: Any) -> tuple[Array, Array]:
     return np.concatenate([[0.0], np.cumsum(steps) / SHOWN_SPEED]), q
 
 
-def _find_nearest(robot: Robot, scene: Scene, q: Array) -> Array:
-    """Return the configuration, out of (k, n), with the least distance between two shapes."""
-    return np.asarray(q[int(np.argmin(find_nearest_pairs(robot, scene, q)[0]))])
-
-
 def plot_failed_plan(plan: Any) -> Any:
     """Return a figure of the joint positions up to the failure, in order; the plan has no times."""
     t, q = _sample_before_failure(plan)
-    assert plan.failure is not None
     where = f"s = {plan.failure.s:.4g} of {plan.path.end:.4g} {plan.path.unit}"
     words = f"{plan.robot.name}: plan FAILED, {str(plan.status).replace('_', ' ')} at {where}"
     return plot_positions(plan.robot, t, q, f"t [s] at {SHOWN_SPEED:g} rad/s: the plan has no times", words)

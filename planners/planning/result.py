@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from optik.arm.robot import Robot
 from optik.card import Card
-from optik.check import check_keywords, check_number
+from optik.check import check_keywords, check_number, format_count
 from optik.errors import InvalidInput
 from optik.scene import Scene
 from optik.types import Array
@@ -87,11 +87,21 @@ class FreedomResult:
 
     def __str__(self) -> str:
         moved = self.ranges if self.gain else ()
-        ranges = "; ".join(f"{one.name} {one.reached[0]:.3g} to {one.reached[1]:.3g} {one.unit}" for one in moved)
+        ranges = "".join(
+            f"; {one.name} {_pair(one.reached)} {one.unit} of {_pair(one.allowed)} {one.unit}" for one in moved
+        )
+        far = f"; tool at most {1e3 * self.distance:.3g} mm and {self.angle:.5g} rad from the given path"
+        ranges += far if moved and np.isfinite(self.distance) else ""
+        tried = f"; {format_count(self.starts, 'start')}, {self.steps} Newton steps" if self.starts else ""
         word = "shorter" if self.gain > 0.0 else "longer"
         saved = f", {100.0 * abs(self.gain):.3g} % {word} than {self.fixed_duration:.4g} s" if self.gain else ""
         unknown = f"; chosen without {', '.join(self.unknown)}" if self.unknown else ""
-        return f"  freedoms: {self.outcome}{saved}{'; ' + ranges if ranges else ''}{unknown}"
+        return f"freedoms: {self.outcome}{saved}{ranges}{tried}{unknown}"
+
+
+def _pair(values: tuple[float, float]) -> str:
+    """Return two numbers with a unit behind them, as messages of the command line convert them."""
+    return f"[{values[0]:.5g}, {values[1]:.5g}]"
 
 
 class SearchReport(NamedTuple):
@@ -275,10 +285,16 @@ class Plan:
                 )
             lines += [f"reason: {shorten_text(why.reason)}", f"try: {shorten_text(why.advice)}"]
         if proof is not None:
-            lines += [*summary_lines(proof, self.least_duration)[why is not None :], *describe_limiting(proof)]
-            if self.limit_factor > 1.0:
-                lines.append(f"duration stretched by {100.0 * (self.limit_factor - 1.0):.3g} % to meet the limits")
-        return "\n".join([*lines, *(str(x) for x in (self.slowness, self.resolution, self.freedom) if x is not None)])
+            lines += summary_lines(proof, self.least_duration)[why is not None :]
+        return "\n".join([*lines, *self.remarks])
+
+    @property
+    def remarks(self) -> list[str]:
+        """Lines on what limits the motion for how long, its stretch, where it is far slower, and what the plan chose."""
+        lines = [] if self._certificate is None else describe_limiting(self._certificate)
+        if self.limit_factor > 1.0:
+            lines.append(f"duration stretched by {100.0 * (self.limit_factor - 1.0):.3g} % to meet the limits")
+        return [*lines, *(str(x).strip() for x in (self.slowness, self.resolution, self.freedom) if x is not None)]
 
     @property
     def slowness(self) -> str | None:

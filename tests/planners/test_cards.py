@@ -155,7 +155,7 @@ def test_a_failed_plan_is_plotted_and_shown_up_to_its_failure(monkeypatch: pytes
     assert "plan FAILED" in page.html and plan.failure.reason.split(";")[0][:100] in page.html
     robot = paper6r()
     nowhere = replace(plan, prefix=None, path=planners.Line(robot.fk(START), robot.fk(START) + 9.0 * np.eye(4, k=3)))
-    assert "none is known on the path" in nowhere.show().html
+    assert "none is known on the path" in nowhere.show().html and "plan FAILED" in nowhere.plot().layout.title.text
 
 
 def test_a_page_opens_in_the_browser_or_in_a_cell(monkeypatch: pytest.MonkeyPatch, tmp_path) -> None:

@@ -1,4 +1,5 @@
 import json
+import re
 from typing import Any
 
 import numpy as np
@@ -10,9 +11,22 @@ from scipy.interpolate import CubicSpline, PPoly
 from optik import JointLimits, Robot
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners import Certificate, JointLine, Line, MotionLimits, Trajectory, certify, make_law
+from planners import (
+    Certificate,
+    JointLine,
+    Line,
+    MotionLimits,
+    Part,
+    Program,
+    Trajectory,
+    certify,
+    make_law,
+    plan,
+)  # fmt: skip
+from planners.certificate.certificate import describe_limiting
 from planners.limits import DERIVATIVES
 from planners.paths.base import Path
+from planners.program.parts import Dwell
 from planners.trajectory.curve import quintic_through
 from tests import oracles
 from tests.oracles import PAPER
@@ -511,3 +525,17 @@ def test_certificates_can_be_compared_and_kept_in_sets() -> None:
     assert one == one
     assert one != other, "equal only where they are the same object"
     assert len({one, other}) == 2
+
+
+def test_the_segment_of_a_wait_has_no_active_constraint() -> None:
+    robot = paper6r()
+    there, back = robot.fk(START), robot.fk(START)
+    there[:3, 3] += [-0.05, 0.0, 0.1]
+    parts = (Part(Line(back, there)), Dwell(0.5), Part(Line(there, back)))
+    proof = plan(robot, Program(parts), START).certificate
+    active = proof.binding
+    (wait,) = np.flatnonzero(active.ratio == 0.0)
+    assert active.ratio.size == active.t.size - 1 and np.diff(active.t)[wait] == pytest.approx(0.5)
+    ways = np.sort(active.ratio[:wait]), np.sort(active.ratio[wait + 1 :])  # the way back is as fast as the way there
+    np.testing.assert_allclose(*ways, atol=0.02)
+    assert sum(map(int, re.findall(r"(\d+) %", describe_limiting(proof)[0]))) <= 100 * (1.0 - 0.5 / proof.duration) + 1
