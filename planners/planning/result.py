@@ -171,7 +171,7 @@ class Plan:
     stretch_factor : float
         Duration over the duration of the motion that the law chose: it was stretched for limits, or on request.
     limit_factor : float
-        The part of it that limits required, also those of `slowed_to`; 1 if the law's motion met them, or a duration was asked.
+        The part of that factor which limits required, also those of `slowed_to`; 1 if none did, or with ``duration=``.
     span : (2,) tuple of float, or None
         The part of the path [m, or rad] that the motion covers, if it is not the whole path: after `replan`.
     speed : float or None
@@ -387,14 +387,14 @@ class Plan:
         Returns
         -------
         Plan
-            Of the same kind, certified. Of a program every section is slowed by the same factor; the waits stay.
+            Of the same kind, certified. Every section of a program is stretched by the same factor; its waits do not change.
 
         Raises
         ------
         InvalidInput
             A plan without a valid motion, an invalid limit, or a cycle that is shorter than the motion.
         NoSolution
-            A limit that no slower motion respects: with the joint and its torque, or with the least that was reached.
+            A limit that no stretched motion respects: with the joint and its torque, or with the least value that was reached.
         """
         from planners.replan.finish import stretch_to_ends  # which replans, and so stands above this module
 
@@ -505,7 +505,7 @@ class Plan:
         factor : float
             New duration over the present one [1]; of a program without its waits, which stay.
         asked : bool
-            Whether the duration was asked, and not needed for limits (`limit_factor`).
+            Whether the caller set the duration, so that limits did not require it (`limit_factor`).
 
         Returns
         -------

@@ -153,7 +153,7 @@ class Dwell:
 
 @dataclass(frozen=True, eq=False)
 class ToolChange:
-    """A change of what the arm carries, at rest. What is not given is kept.
+    """A change of the tool or the payload, at rest. A tool or a payload that is not given stays as it is.
 
     Parameters
     ----------

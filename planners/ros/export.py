@@ -327,8 +327,8 @@ class RosExport(NamedTuple):
     certificate : Certificate
         Certificate of that trajectory.
     factor : float
-        Duration of that trajectory over that of the motion [1]. The motion is slowed for whole periods and for the limits; one
-        with a requested tool speed is held at its end instead.
+        Duration of that trajectory over that of the motion [1]. The motion is stretched for whole periods and limits; one
+        with a requested tool speed waits at its end instead.
     points : int
         Number of written points.
     jumps : int
@@ -350,7 +350,7 @@ def to_ros(
     joint_names: JointNames = None, start: ArrayLike | Mapping[str, float] | None = None, tolerance: float = 0.01,
     strict: bool = False, keep_speed: bool = True, frame_id: str = "", allow: Allow = (),
 ) -> RosExport:  # fmt: skip
-    """Write a valid motion as a ``trajectory_msgs/JointTrajectory``, slowed until the controller respects its limits.
+    """Write a valid motion as a ``trajectory_msgs/JointTrajectory``, stretched until the controller respects its limits.
 
     The motion is certified before and after controller interpolation, with its own scene and tolerance. Events of a program are
     written beside the file, as ``NAME.events.json``.
@@ -373,23 +373,23 @@ def to_ros(
     tolerance : float
         Largest difference between ``start`` and the start of the motion [rad, m].
     strict : bool
-        Refuse instead of slowing for limits.
+        Whether a motion that would have to be stretched for limits is refused.
     keep_speed : bool
-        Refuse to slow a motion with a requested tool speed (``constant_speed`` with a speed).
+        Whether a motion with a requested tool speed (``constant_speed`` with a speed) is refused instead of stretched.
     frame_id : str
         Of the message's header.
     allow : str or several
-        Violations to permit, as for `planners.save`. The motion is not slowed for limits that may be exceeded.
+        Violations to permit, as for `planners.save`. The motion is not stretched for limits that may be exceeded.
 
     Returns
     -------
     RosExport
-        The motion after controller interpolation, its certificate, and the factor by which it was slowed.
+        The motion after controller interpolation, its certificate, and the factor by which it was stretched.
 
     Raises
     ------
     InvalidInput, NoSolution, OutputError
-        An argument or a motion that a controller refuses; a plan that failed, or limits that slowing cannot meet; a file that
+        An argument or a motion that a controller refuses; a plan that failed, or limits that no stretch meets; a file that
         cannot be written.
     InvalidMotion
         The motion, before or after controller interpolation, has a violation that ``allow`` does not permit.

@@ -333,7 +333,7 @@ class Execution:
     reason, advice : str
         Why the status is not DONE, and what to try; empty for DONE.
     plan : Plan
-        The executed plan, slowed to a whole number of periods if it has no requested speed.
+        The executed plan, stretched to a whole number of periods if it has no requested speed.
     stop_plan : Plan or None
         The certified stop that replaced the remaining motion.
     motion : Trajectory or None
