@@ -195,7 +195,7 @@ def walk(words: str, command: Any) -> list[tuple[str, Any]]:
 
 def write_gallery() -> None:
     """Run each example, and write its page: a picture, what it prints, its code, and a download; and a card for each task."""
-    cards, pages = {card[2]: card for task in GALLERY.values() for card in task}, ""
+    cards = {card[2]: card for task in GALLERY.values() for card in task}
     for file in sorted((ROOT / "examples").glob("*.py")):
         first = inspect.cleandoc(file.read_text(encoding="utf-8").split('"""')[1]).splitlines()[0]
         printed, viewer = run_example(file)
@@ -208,10 +208,10 @@ def write_gallery() -> None:
             f"{{download}}`{file.name} <{link}>`:\n\n```{{literalinclude}} {link}\n```\n",
             encoding="utf-8",
         )
-        pages += f"gallery/{file.stem}\n"
     plugins = "".join(describe_plugin(file) for file in sorted((ROOT / "examples" / "plugins").glob("*.*")))
     head = "By task. Pages of examples have their code, what it prints, and a download.\n"
-    toctree = f"```{{toctree}}\n:hidden:\n\n{pages}plugins\n```\n"
+    pages = "\n".join(page for page in cards if not page.startswith(".."))
+    toctree = f"```{{toctree}}\n:hidden:\n\n{pages}\n```\n"
     rows = "".join(
         f"## {task}\n\n::::{{grid}} 1 2 3 3\n:gutter: 2\n{''.join(map(describe_card, cards))}::::\n\n"
         for task, cards in GALLERY.items()
