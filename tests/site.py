@@ -1,9 +1,9 @@
 """Check the built site: ``python -m tests.site FOLDER``; ``make docs`` calls it after the build.
 
 Each file of docs has its heading in a page of its own, each public object has one page, internal links and their anchors
-exist, and no script, style, font or picture comes from elsewhere. What tutorial, how-tos and gallery print shows a failure
-only where the cell has the tag ``expected-failure`` and the words before announce it; it shows no escape sequence, progress or
-rounding error, and no measured time without a label.
+exist, no script, style, font or picture comes from elsewhere, and options of commands begin with two hyphens. What tutorial,
+how-tos and gallery print shows a failure only where the cell has the tag ``expected-failure`` and the words before announce it;
+it shows no escape sequence, progress or rounding error, and no measured time without a label.
 """
 
 from __future__ import annotations
@@ -144,6 +144,10 @@ def find_faults(site: Path) -> list[str]:
         if where.as_posix().startswith(RUN):
             faults += [f"{where}: {words}" for words in judge_outputs(page)]
         faults += [f"{where}: loads {source}" for source in page.sources if re.match(r"(https?:)?//", source)]
+        text = file.read_text(encoding="utf-8")
+        faults += [
+            f"{where}: {word}, which begins with a dash for --" for word in re.findall(r"[\s>(](–[a-z][\w-]*)", text)
+        ]
         for link in page.links:
             path, anchor = urldefrag(link)
             if re.match(r"[a-z]+:", link):

@@ -38,7 +38,7 @@ def test_the_page_of_plan_begins_with_the_readme_s_python() -> None:
 def test_every_command_has_a_page_and_is_in_the_help() -> None:
     command = typer.main.get_command(app)
     pages = {words.split()[1] for words, _ in walk("optik", command)}
-    assert pages == set(command.commands) >= {"plan", "stream"}  # type: ignore[attr-defined]
+    assert pages == set(command.commands) >= {"plan", "stream"}
 
 
 PAGES = """
