@@ -50,7 +50,7 @@ def format_count(number: int, noun: str) -> str:
 
 def check_keywords(function: Callable_) -> Callable_:
     """Let a function, or a class, answer an unknown keyword with the nearest one, or an example of its docstring."""
-    start = function.__init__ if isinstance(function, type) else function
+    start = function.__init__ if isinstance(function, type) else function  # type: ignore[misc]
     code = start.__code__
     known, kinds = code.co_varnames[: code.co_argcount + code.co_kwonlyargcount], code.co_flags & CO_VARKEYWORDS
 
@@ -60,8 +60,9 @@ def check_keywords(function: Callable_) -> Callable_:
             example = re.search(rf"``([^`]*\([^`]*\b{word}[^`]*)``", " ".join((function.__doc__ or "").split()))
             names = [name for name in known if name != "self"]
             typed = [name for name in names if word.lower() in str(start.__annotations__.get(name)).lower()]
-            advice = f"such as {example[1]}" if example else ""
-            raise UnknownName(f"argument of {function.__name__}()", word, names, advice, typed)
+            raise UnknownName(
+                f"argument of {function.__name__}()", word, names, similar=[example[1]] if example else typed
+            )
         return start(*args, **given)
 
     if kinds:

@@ -155,7 +155,7 @@ class UnknownName(OptikError, LookupError):
         typed = str(name).lower()
         close = [typed] if typed in spelled else get_close_matches(typed, spelled, n=3, cutoff=0.4)
         self.nearest = tuple(similar) or tuple(spelled[each] for each in close)
-        hint = f"did you mean {' or '.join(self.nearest)}?" if self.nearest and not advice else ""
+        hint = f"did you mean {' or '.join(self.nearest)}?" if self.nearest else ""
         listed = f"there are: {', '.join(self.known) or 'none'}"
         listed = "" if (hint or advice) and len(listed) > LONGEST_LIST else listed
         super().__init__("; ".join(filter(None, (f"unknown {kind} {name!r}", f"{hint} {listed}".strip(), advice))))

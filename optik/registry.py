@@ -21,6 +21,7 @@ from optik.plugins.files import (
     SUFFIXES,
     UsedPlugin,
     defaults,
+    find_nearest_name,
     import_file,
     in_finished_run,
     is_path,
@@ -228,8 +229,10 @@ def _find_own(folder: Path) -> frozenset[str]:
     return frozenset(found)
 
 
-def find_described(group: str, word: str) -> list[str]:
-    """Return the built-in names of a group whose files have a word in their first line, which describes them."""
+def find_described(group: str, word: str, known: Sequence[str]) -> list[str]:
+    """Return the built-in names of a group whose first line has a word, if no known name is spelled like it."""
+    if find_nearest_name(word, known):
+        return []
     files = [_folder(group) / f"{name}.py" for name in sorted(own_names(group))]
     firsts = {file.stem: file.read_text("utf-8").partition("\n")[0] for file in files if file.is_file()}
     return [name for name, first in firsts.items() if re.search(rf"\b{re.escape(word)}\b", first, re.IGNORECASE)]
@@ -267,7 +270,7 @@ def _entry_point(group: str, name: Any, kind: str) -> EntryPoint | None:
     if not points:
         file = suggest_file(name, SUFFIXES if group in _DATA_GROUPS else (".py",))
         advice = f"for a file write ./{file}" if file else ""
-        raise UnknownName(kind, name, names(group), advice, find_described(group, name))
+        raise UnknownName(kind, name, names(group), advice, find_described(group, name, names(group)))
     reason = _reason(group, name, len(points))
     if reason:
         both = " and ".join(describe_distribution(point) for point in points)

@@ -240,7 +240,7 @@ def add_command(group: typer.Typer, name: str, kind: type[Command], example: str
 def name_typed(kind: type[Command], given: dict[str, Any], argument: str, got: str) -> str:
     """Return the option or argument, as typed, that an argument of the library stands for; empty if there is none."""
     known = {each.name: each.metadata for each in fields(kind) if "typer" in each.metadata}
-    if argument.rpartition(" ")[2] in ("file", "run", "robot"):  # one of several: that whose name was typed
+    if argument.rpartition(" ")[2] in ("file", "run", "robot", "scene"):  # one of several: that whose name was typed
         words = re.split(r"[\s',]+", got)
         named = [name for name, value in given.items() if value is not None and str(value) and str(value) in words]
         argument = named[0] if len(named) == 1 else argument

@@ -282,9 +282,8 @@ class ViewCommand(StartCommand):
 
         name, suffix = str(self.plan), Path(split_links(str(self.plan))[0]).suffix.lower()
         content = read_bytes(self.plan) if suffix == ".toml" and self.plan.is_file() else b"convention"
-        is_scene = (
-            self.robot != RobotCommand.robot or suffix in (".yaml", ".yml", ".scene") or b"convention" not in content
-        )
+        typed = self.robot != RobotCommand.robot and "format" not in _read_json(self.plan)  # else a motion
+        is_scene = typed or suffix in (".yaml", ".yml", ".scene") or b"convention" not in content
         is_name = name.startswith(PREFIX) or not (suffix or self.plan.exists())
         if not (is_scene or is_name or suffix in (*URDF, ".toml", ".py")):
             return None
@@ -296,8 +295,9 @@ class ViewCommand(StartCommand):
             start = replace(self, robot=shaped if split_links(robot)[0].lower().endswith(URDF) else robot).load_start()
         except RobotModelError:  # its meshes are elsewhere: lines between its joints
             start = replace(self, robot=robot).load_start()
+        scene = optik.Scene.load(name, robot=start.arm) if is_scene else None
         start.print_default()
-        return make_arm_show(start.arm, start.q, optik.Scene.load(name, robot=start.arm) if is_scene else None)
+        return make_arm_show(start.arm, start.q, scene)
 
 
 def check_simulated(drive: str) -> str:

@@ -75,7 +75,7 @@ def print_facts(proof: Any, robot: Any, robots: Sequence[Any] = ()) -> None:
             f"{len(proof.clearance.left_out)} pairs of links are not checked; --json lists them with the reasons"
         )
     for line in lines:
-        out_console.print(translate(line), soft_wrap=True)
+        out_console.print(translate(line))
 
 
 def print_certificate(plan: Any, by_law: tuple[str, ...]) -> None:
@@ -143,7 +143,7 @@ def print_choice(plan: Any) -> None:
     search = plan.search
     _print_corners(plan)
     for line in plan.remarks:
-        out_console.print(translate(line), soft_wrap=True)
+        out_console.print(translate(line))
     if search is not None:
         words = f"{format_count(search.rounds, 'round')} of path and timing"
         if not isinstance(plan.path, FreePath):  # which is not searched

@@ -426,7 +426,7 @@ def kind_of(name: str) -> Limit:
     found: Limit | None = _BY_NAME.get(name) or _ADDED.get(name)
     if found is None:
         if not is_path(name) and name not in names(FOLDER):
-            raise UnknownName("limit", name, limit_names(), similar=find_described(FOLDER, name))
+            raise UnknownName("limit", name, limit_names(), similar=find_described(FOLDER, name, limit_names()))
         found = build_method(FOLDER, name, "limit")
         if is_path(name):
             register(found)

@@ -105,6 +105,10 @@ def test_a_fault_is_found_with_its_limit_ratio_joint_and_time(case: int, tmp_pat
     much = f"{ratio:.3g} {'times' if ratio >= 2.0 else 'of'} its limit at t"
     assert any(f"{field} of {NAMES[joint]} is {much}" in words for words in found["reasons"])
     status, out, _ = typed("certify", str(file), "--robot", "ur5e", *limits)
+    verdict, between, *reasons = out.partition("┏")[0].splitlines()[:-1]
+    assert verdict == "certificate NOT valid"
+    assert re.match(r"between its points the motion is (linear, as in|cubic$)", between)
+    assert any(f"{field} of {NAMES[joint]} is {much}" in words for words in reasons)
     row = next(line for line in out.splitlines() if line.startswith(f"│ {field} "))
     assert status == 1 and NAMES[joint] in row and "exceeded" in row and f"{t:.3f}" in row
 
@@ -285,7 +289,8 @@ def test_contact_and_a_page(seam: tuple[Path, Path], tmp_path: Path, typed: Any)
     )
     assert status == 1 and "contact" in out and "velocity" in out, out + said
     text = page.read_text(encoding="utf-8")
-    assert "seam.csv" in text and "velocity" in text and len(text) < 1_000_000
+    assert re.search(r'seam\.csv</h1><p class="bad">certificate NOT valid: velocity of joint\d is', text)
+    assert "Between points" in text and "velocity" in text and len(text) < 1_000_000
     status, _, said = typed("certify", str(file), "--robot", "ur5e", "--html", str(tmp_path / "page.pdf"))
     assert status == 2 and "--html" in said and said.strip().count("\n") == 0
 

@@ -279,7 +279,10 @@ def test_the_first_view_holds_the_tool_and_no_word_lies_on_another(
     long[:3, 3] = [0.0, 0.3, 0.5]  # a tool far beyond its last capsule
     robot, file = optik.load("panda").with_tool(long), tmp_path / "page.html"
     q = robot.limits.middle + np.linspace(0.0, 0.05, 5)[:, None]
-    write_page(Show(robot, f"tool {width}", Track(np.arange(5.0), q, 0.0 * q), robot.fk(q)[:, :3, 3]), file)
+    path = (
+        robot.fk(q)[:, :3, 3] if width == 1280 else np.array([[0.3, 0.0, 0.3], [0.35, 0.1, 0.3]])
+    )  # or far from the tool
+    write_page(Show(robot, f"tool {width}", Track(np.arange(5.0), q, 0.0 * q), path), file)
     drawn.emulate(width=width, scheme=scheme)
     drawn.open(file)
     drawn.until(f"document.title === 'tool {width}' && window.optikView")

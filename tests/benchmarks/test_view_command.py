@@ -29,12 +29,14 @@ def test_a_page_of_a_motion_in_any_format(typed: Any, tmp_path: Path, suffix: st
     assert (status, said) == (0, "")
     assert "page.html" in out
     assert 10_000 < (tmp_path / "page.html").stat().st_size < 2_000_000
+    assert '</h1><p class="good">certificate valid; enforced: ' in (tmp_path / "page.html").read_text()
 
 
 def test_a_page_of_a_simulated_execution(typed: Any, motion: Path, tmp_path: Path) -> None:
     status, _, said = typed("view", str(motion), "--drive", "ideal", "--html", str(tmp_path / "page.html"))
     assert (status, said) == (0, "")
-    assert "on the drive ideal" in (tmp_path / "page.html").read_text()
+    text = (tmp_path / "page.html").read_text()
+    assert "on the drive ideal" in text and '<p class="good">execution done; certificate valid' in text
 
 
 SHELF = """[[boxes]]
