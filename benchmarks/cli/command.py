@@ -8,7 +8,6 @@ import re
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
 from dataclasses import MISSING, dataclass, field, fields
 from difflib import get_close_matches
 from enum import Enum
@@ -153,18 +152,20 @@ def name_options(words: str) -> str:
 # ---------------- commands as dataclasses of their options
 
 
-out_console, err_console = (Console(stderr=error, markup=False, highlight=False) for error in (False, True))
+class _Console(Console):
+    """Console that is a terminal only on one: FORCE_COLOR asks for colours, and a notebook's cell keeps what is drawn over."""
+
+    @property
+    def is_terminal(self) -> bool:
+        """Whether what changes in place is shown."""
+        return self.file.isatty() and "JPY_PARENT_PID" not in os.environ
 
 
-def has_live_display() -> bool:
-    """Return whether the error stream shows what changes in place: FORCE_COLOR and a notebook's cell do not."""
-    return err_console.file.isatty() and not err_console.is_dumb_terminal and "JPY_PARENT_PID" not in os.environ
-
-
-def show_status(words: str) -> AbstractContextManager[object]:
-    """Show what is being done, where the display is live."""
-    return err_console.status(words) if has_live_display() else nullcontext()
-
+COLOURS: Any = "standard" if os.environ.get("FORCE_COLOR") else "auto"
+"""Colours of the consoles."""
+out_console, err_console = (
+    _Console(stderr=error, markup=False, highlight=False, color_system=COLOURS) for error in (False, True)
+)
 
 PANELS = ("Options", "Path", "Target", "Task", "With --on ros", "Robot", "Method", "Limits", "Scene", "Output")
 """Panels of the help, in their order."""

@@ -23,16 +23,7 @@ from rich.table import Table
 from rich.text import Text
 
 import optik
-from benchmarks.cli.command import (
-    Command,
-    JsonCommand,
-    argument,
-    err_console,
-    option,
-    out_console,
-    print_json,
-    show_status,
-)
+from benchmarks.cli.command import Command, JsonCommand, argument, err_console, option, out_console, print_json
 from benchmarks.peers.ik import PEERS
 from benchmarks.peers.laws import TIMING_PEERS
 from benchmarks.provenance import provenance, version_here
@@ -325,7 +316,7 @@ def _install(kind: Any) -> None:
     folder, python = kind.folder(), kind.python()
     outside = {k: v for k, v in os.environ.items() if k not in ("PIP_CONSTRAINT", "PYTHONPATH", "PYTHONHOME")}
     try:
-        with show_status(f"installing {', '.join(kind.requirements)}"):
+        with err_console.status(f"installing {', '.join(kind.requirements)}"):
             venv.create(folder, with_pip=True, clear=True)
             pip = [str(python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check", *kind.requirements]
             subprocess.run(pip, check=True, capture_output=True, text=True, env=outside | {"PYTHONSAFEPATH": "1"})

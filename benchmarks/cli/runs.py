@@ -18,16 +18,7 @@ from urllib.parse import urlsplit
 import typer
 from rich.table import Table
 
-from benchmarks.cli.command import (
-    JsonCommand,
-    argument,
-    err_console,
-    has_live_display,
-    option,
-    out_console,
-    print_json,
-    show_status,
-)
+from benchmarks.cli.command import JsonCommand, argument, err_console, option, out_console, print_json
 from optik.errors import InvalidInput
 
 if TYPE_CHECKING:
@@ -149,7 +140,7 @@ class DemoCommand(JsonCommand):
         from benchmarks.report import write_report
 
         folder = RunCommand(suite="paper", out=self.out, workers=self.workers).run_with_progress()
-        with show_status("writing the report"):
+        with err_console.status("writing the report"):
             page = write_report(folder)
         findings = judge_claims(folder)
         if self.as_json:
@@ -210,7 +201,7 @@ def make_progress(clock: Callable[[], float] = time.monotonic) -> Progress:
     progress = Progress(
         what, *bar, MofNCompleteColumn(), TextColumn("{task.fields[left]}"), console=err_console, transient=True,
         expand=True, speed_estimate_period=SPEED_SECONDS, get_time=clock,
-        disable=not has_live_display(),
+        disable=not err_console.is_terminal or err_console.is_dumb_terminal,
     )  # fmt: skip
     progress.add_task("compiling", total=None, left="")
     return progress
@@ -281,7 +272,7 @@ class ReportCommand(JsonCommand):
         columns = [key for key in map(str.strip, self.columns.split(",")) if key]
         if columns and not {ReportFormat.MD, ReportFormat.CSV, ReportFormat.TEX} & set(formats):
             raise InvalidInput("--columns", repr(self.columns), "--format md, csv or tex")
-        with show_status("writing the report"):
+        with err_console.status("writing the report"):
             written = {one: self._write(one, RunFolder(self.folder), columns) for one in formats}
         files = [str(path) for paths in written.values() for path in paths]
         if self.as_json:

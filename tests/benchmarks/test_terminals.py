@@ -60,10 +60,11 @@ def test_a_plain_terminal_is_written_plainly() -> None:
 
 
 LIVE = """
-from benchmarks.cli.command import show_status
+from benchmarks.cli.command import err_console, out_console
 from benchmarks.cli.runs import make_progress
-with show_status("writing the report"):
+with err_console.status("writing the report"):
     pass
+out_console.print("colours", style="yellow")
 with make_progress() as progress:
     progress.refresh()
 """
@@ -78,7 +79,15 @@ def test_displays_are_live_on_terminals_alone_whatever_the_colours(terminal: boo
     asked |= {"JPY_PARENT_PID": "1"} if notebook else {}
     ends = os.openpty() if terminal else os.pipe()
     with os.fdopen(ends[0], "rb", buffering=0) as errors:
-        subprocess.run([sys.executable, "-c", LIVE], stderr=ends[1], check=True, env=kept | asked, timeout=300)
+        done = subprocess.run(
+            [sys.executable, "-c", LIVE],
+            stdout=subprocess.PIPE,
+            stderr=ends[1],
+            check=True,
+            env=kept | asked,
+            timeout=300,
+        )
+        assert done.stdout == b"\x1b[33mcolours\x1b[0m\n"
         os.write(ends[1], b"|")
         said = b""
         while not said.endswith(b"|"):
