@@ -426,14 +426,9 @@ def make_page(show: Show) -> str:
     legend = {"path": "path", "executed": "executed", "planned": "planned arm", "beam": "laser beam", "scene": "scene"}
     legend |= {"payload": "centre of the payload", "near": "nearest pair", "before": "initial path"}
     legend |= {"zone": "rounded corners", "event": "events"}
-    there: dict[str, Any] = {
-        "path": len(show.path) > 1,
-        "executed": show.executed,
-        "planned": show.executed,
-        "beam": show.beam,
-    }
-    there |= {"scene": show.scene, "payload": data["payload"], "near": data["clearance"], "before": data["before"]}
-    there |= {"zone": data["zones"], "event": data["events"]}
+    there: dict[str, Any] = {"executed": show.executed, "planned": show.executed, "beam": show.beam}
+    there |= {"path": len(show.path) > 1, "scene": show.scene, "payload": data["payload"]}
+    there |= {"near": data["clearance"], "before": data["before"], "zone": data["zones"], "event": data["events"]}
     return _template("page.html.j2").render(
         show=show,
         bars=Markup(Card(title="", bars=show.bars).to_html()),
