@@ -8,7 +8,7 @@ export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
 export OPTIK_PEERS ?= $(abspath $(VENV))/peers
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: demo test lint docs tables soak soak-part newest on-newest mutants kernels wheel clean
+.PHONY: demo test lint docs pictures tables soak soak-part newest on-newest mutants kernels wheel clean
 
 demo: $(VENV)/.core
 	$(BIN)/optik demo --out $(OUT)
@@ -45,10 +45,19 @@ mutants: $(VENV)/.dev
 	$(BIN)/python -m tests.mutants
 
 # The documentation site, in docs/_build: a page for each file in docs/, and the API from the docstrings.
-docs: $(VENV)/.docs
+docs: $(VENV)/.compiled
 	rm -rf docs/_build
 	$(BIN)/python -m sphinx -b html -W --keep-going -q docs docs/_build/html
 	$(BIN)/python -m tests.site docs/_build/html
+
+# Before a page runs, after each change of a source file.
+$(VENV)/.compiled: $(VENV)/.docs $(shell find optik planners benchmarks -name '*.py')
+	$(BIN)/optik kernels --compile
+	@touch $@
+
+# The pictures of the site and of the README, in docs/pictures, which are committed; Chromium draws them.
+pictures: $(VENV)/.dev
+	$(BIN)/python -m docs.pictures
 
 # Compiled for every processor of this kind, collected anew from the usual calls and the documentation; a checkout uses them, too.
 kernels: $(VENV)/.dev

@@ -14,6 +14,7 @@ from sphinx.application import Sphinx
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 os.environ["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"  # the notebooks call `optik`
+os.environ["OPTIK_COMPILES"] = "quiet"  # what `optik kernels --compile` left out
 
 from docs.generate import list_reference, write_pages
 
@@ -35,6 +36,7 @@ nb_execution_mode = "force"
 nb_execution_raise_on_error = True
 nb_execution_timeout = 120
 nb_merge_streams = True
+nb_render_markdown_format = "myst"  # tables
 
 # Pages and their plots: no request leaves the reader's browser.
 default_role = "py:obj"
@@ -116,9 +118,11 @@ def _write_pages(app: Sphinx, config: object) -> None:
 
 
 def _list_reference(app: Sphinx, name: str, source: list[str]) -> None:
-    """Show the objects of a page of the reference as a table of links."""
+    """Show the objects of a page of the reference as a table of links, and only there: all side bars show all other pages."""
     if name.startswith("api/"):
         source[0] = list_reference(source[0])
+    if name.startswith(("generated/reference/", "generated/commands/")):
+        app.env.metadata[name]["orphan"] = True
 
 
 def _write_formula(translator: Any, node: Any) -> None:

@@ -27,8 +27,40 @@ LISTED = re.compile(r"```\{eval-rst\}\n(.*?)```", re.S)
 """The blocks of docs/api that name objects for Sphinx."""
 MOST_EXAMPLE_LINES = 14
 """Longest code block of the documentation that is shown as the example of an object."""
+MEASURED = re.compile(r"µs\b|\d [nm]s\b|per second\b")
+"""Units of times that a page measured while it was built."""
+MEASURED_LABEL = "measured when this page was built"
+"""Words before an output with such times."""
 ARGUMENTS = {"batch": ["3000"]}
 """Arguments of examples that are shown, to be quick."""
+GALLERY = {
+    "Move": [
+        ("An arm in its shelf", "shelf", "gallery/shelf"),
+        ("Pick and place, rounded corners", "zones", "../howto/pick"),
+        ("An open container at 15°", "cup", "../limits"),
+        ("A line of your arm", "own_urdf", "gallery/own_urdf"),
+        ("Stop, and go on slowly", "replan", "gallery/replan"),
+        ("To a laser spot", "laser", "../howto/laser"),
+    ],
+    "Follow": [
+        ("Pipe saddle, chosen torch turn", "saddle", "gallery/pipe_saddle"),
+        ("Weld seam for ROS 2", "seam", "gallery/seam_to_ros"),
+        ("Stream beside hard replacement", "stream", "gallery/policy_stream"),
+    ],
+    "Reach": [
+        ("Where the tool points down", "reach", "gallery/reachability_map"),
+        ("A million targets", "", "gallery/batch"),
+    ],
+    "Prove": [("Curve, proved bound and limit", "certificate", "../tutorial/certificate")],
+    "Compare": [
+        ("A report's first screen", "report", "../howto/compare"),
+        ("A report from Python", "", "gallery/report"),
+        ("All laws on one line", "", "gallery/compare_laws"),
+        ("Your own IK method", "", "gallery/own_method"),
+        ("Plug-ins in one file", "", "plugins"),
+    ],
+}
+"""Cards of the gallery by task: title, picture of docs/pictures, and page. Each example is in one of them."""
 
 
 def write_pages() -> None:
@@ -81,9 +113,7 @@ def list_reference(text: str) -> str:
             for name, thing in rows
         ]
         table = "".join(f"| {link} | {words.replace('|', chr(92) + '|')} |\n" for link, words in cells)
-        pages = "".join(f"../generated/reference/{name}\n" for name, _ in rows)
-        links = f"| | |\n|---|---|\n{table}\n```{{toctree}}\n:hidden:\n\n{pages}```\n"
-        text = text.replace(f"```{{eval-rst}}\n{block}```\n", links)
+        text = text.replace(f"```{{eval-rst}}\n{block}```\n", f"| | |\n|---|---|\n{table}\n")
     return text
 
 
@@ -125,16 +155,14 @@ def write_command_line() -> None:
     """Write the list of all commands, and a page for each."""
     from benchmarks.cli.app import app
 
-    rows = pages = ""
+    rows = ""
     for words, command in walk("optik", typer.main.get_command(app)):
         name = words.removeprefix("optik ").replace(" ", "_")
         (OUT / "commands" / f"{name}.md").write_text(describe_command(words, command), encoding="utf-8")
         first = " ".join(inspect.cleandoc(command.help or "").partition("\n\n")[0].split())
         rows += f"| [`{words}`](commands/{name}.md) | {first} |\n"
-        pages += f"commands/{name}\n"
     text = f"Each command prints its page with `--help`.\n\n| | |\n|---|---|\n{rows}"
-    toctree = f"```{{toctree}}\n:hidden:\n\n{pages}```\n"
-    (OUT / "command_line.md").write_text(f"# Command line\n\n{text}\n{toctree}", encoding="utf-8")
+    (OUT / "command_line.md").write_text(f"# Command line\n\n{text}", encoding="utf-8")
 
 
 def describe_command(words: str, command: Any) -> str:
@@ -166,33 +194,43 @@ def walk(words: str, command: Any) -> list[tuple[str, Any]]:
 
 
 def write_gallery() -> None:
-    """Run each example, and write its page: what it prints, a picture of its plan, its code, and a download."""
-    rows, pages = "", ""
+    """Run each example, and write its page: a picture, what it prints, its code, and a download; and a card for each task."""
+    cards = {card[2]: card for task in GALLERY.values() for card in task}
     for file in sorted((ROOT / "examples").glob("*.py")):
-        title = (inspect.cleandoc(file.read_text(encoding="utf-8").split('"""')[1]).splitlines()[0]).rstrip(".")
-        printed, picture, card = run_example(file)
+        first = inspect.cleandoc(file.read_text(encoding="utf-8").split('"""')[1]).splitlines()[0]
+        printed, viewer = run_example(file)
+        title, name, _ = cards[f"gallery/{file.stem}"]
+        picture = viewer or (f"![{title}](../../pictures/{name}.webp)\n" if name else "")
+        times = f", with times that were {MEASURED_LABEL}" if MEASURED.search(printed) else ""
         link = f"../../../examples/{file.name}"
         (OUT / "gallery" / f"{file.stem}.md").write_text(
-            f"# {title}\n\n{picture}\nIt prints:\n\n```text\n{printed}```\n\n"
+            f"# {title}\n\n{first}\n\n{picture}\nIt prints{times}:\n\n```text\n{printed}```\n\n"
             f"{{download}}`{file.name} <{link}>`:\n\n```{{literalinclude}} {link}\n```\n",
             encoding="utf-8",
         )
-        rows += f"## [{title}](gallery/{file.stem}.md)\n\n{card}\n"
-        pages += f"gallery/{file.stem}\n"
     plugins = "".join(describe_plugin(file) for file in sorted((ROOT / "examples" / "plugins").glob("*.*")))
-    head = "Scripts that run from any folder, with their code, what they print, and a download.\n"
-    toctree = f"```{{toctree}}\n:hidden:\n\n{pages}plugins\n```\n"
-    more = (
-        "## [Plug-ins in one file](plugins.md)\n\nA method, law, limit, path, freedom, search or format of your own.\n"
+    head = "By task. Pages of examples have their code, what it prints, and a download.\n"
+    pages = "\n".join(page for page in cards if not page.startswith(".."))
+    toctree = f"```{{toctree}}\n:hidden:\n\n{pages}\n```\n"
+    rows = "".join(
+        f"## {task}\n\n::::{{grid}} 1 2 3 3\n:gutter: 2\n{''.join(map(describe_card, cards))}::::\n\n"
+        for task, cards in GALLERY.items()
     )
-    page = f"# Gallery\n\n{head}\n{toctree}\n{rows}\n{more}"
+    page = f"# Gallery\n\n{head}\n{toctree}\n{rows}"
     (OUT / "gallery.md").write_text(page, encoding="utf-8")
     words = "Each file adds one thing to optik. [Extending](../extending.md) has the rules.\n"
     (OUT / "plugins.md").write_text(f"# Plug-ins in one file\n\n{words}\n{plugins}", encoding="utf-8")
 
 
-def run_example(file: Path) -> tuple[str, str, str]:
-    """Return what an example prints, and the viewer and the card of its last plan as HTML."""
+def describe_card(card: tuple[str, str, str]) -> str:
+    """Return a card of the gallery."""
+    title, picture, page = card
+    image = f":img-top: ../pictures/{picture}.webp\n:img-alt: {title}\n" if picture else ""
+    return f":::{{grid-item-card}} {title}\n:link: {page}\n:link-type: doc\n{image}:::\n"
+
+
+def run_example(file: Path) -> tuple[str, str]:
+    """Return what an example prints, and the viewer of its last plan as HTML."""
     from optik.view.page import Page, make_page
     from planners import Plan
     from planners.motion.show import show_motion
@@ -209,10 +247,8 @@ def run_example(file: Path) -> tuple[str, str, str]:
     plans = [value for value in found.values() if isinstance(value, Plan) and value.has_motion]
     printed = out.getvalue().replace(folder, ".")
     if not plans:
-        first = "\n".join(printed.splitlines()[:12])
-        return printed, "", f"```text\n{first}\n```\n"
-    page = Page(make_page(show_motion(plans[-1])))
-    return printed, raw_html(page._repr_html_()), raw_html(plans[-1]._repr_html_())
+        return printed, ""
+    return printed, raw_html(Page(make_page(show_motion(plans[-1])))._repr_html_())
 
 
 def raw_html(html: str) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 from abc import ABC, abstractmethod
 from collections import deque
@@ -151,7 +152,20 @@ def name_options(words: str) -> str:
 # ---------------- commands as dataclasses of their options
 
 
-out_console, err_console = (Console(stderr=error, markup=False, highlight=False) for error in (False, True))
+class _Console(Console):
+    """Console that is a terminal only on one: FORCE_COLOR asks for colours, and a notebook's cell keeps what is drawn over."""
+
+    @property
+    def is_terminal(self) -> bool:
+        """Whether what changes in place is shown."""
+        return self.file.isatty() and "JPY_PARENT_PID" not in os.environ
+
+
+COLOURS: Any = "standard" if os.environ.get("FORCE_COLOR") else "auto"
+"""Colours of the consoles."""
+out_console, err_console = (
+    _Console(stderr=error, markup=False, highlight=False, color_system=COLOURS) for error in (False, True)
+)
 
 PANELS = ("Options", "Path", "Target", "Task", "With --on ros", "Robot", "Method", "Limits", "Scene", "Output")
 """Panels of the help, in their order."""

@@ -6,7 +6,7 @@ import zlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -183,22 +183,28 @@ class IKResult(NamedTuple):
     def _repr_html_(self) -> str:
         """Return the result for a notebook."""
         advice = f"{self.message}; try: {self.status.advice}" if self.message and self.status.advice else self.message
+        q, position, rotation = self._round()
         facts = (
-            ("Joints [rad, m]", ", ".join(f"{value:.6g}" for value in self.q)),
-            ("Position error", f"{1e3 * self.position_error:.3g} mm"),
-            ("Rotation error", f"{self.rotation_error:.3g} rad"),
+            ("Joints [rad, m]", ", ".join(f"{value:.6g}" for value in q)),
+            ("Position error", f"{1e3 * position:.3g} mm"),
+            ("Rotation error", f"{rotation:.3g} rad"),
             ("Iterations", f"{self.iterations}, {self.restarts} restarts"),
         )
         verdict = str(self.status) + (f": {advice or self.status.advice}" if not self else "")
         return Card(title="Inverse kinematics", verdict=verdict, good=bool(self), facts=facts).to_html()
 
     def __str__(self) -> str:
+        q, position, rotation = self._round()
         lines = [
             f"{self.status}: {self.iterations} iterations, {self.restarts} restarts",
-            f"q = {np.array2string(self.q, formatter={'float': '{:.3g}'.format}, max_line_width=120, threshold=40)} [rad, m]",
-            f"position error {1e3 * self.position_error:.3g} mm, rotation error {self.rotation_error:.3g} rad",
+            f"q = {np.array2string(q, formatter={'float': '{:.3g}'.format}, max_line_width=120, threshold=40)} [rad, m]",
+            f"position error {1e3 * position:.3g} mm, rotation error {rotation:.3g} rad",
         ]
         return "\n".join([*lines, *filter(None, [self.message, self.status.advice and f"try: {self.status.advice}"])])
+
+    def _round(self) -> tuple[Any, ...]:
+        """Return joints and errors without what rounding of numbers with 64 bits adds."""
+        return tuple(np.round(x, 12) + 0.0 for x in (self.q, self.position_error, self.rotation_error))
 
 
 @compare_by_content

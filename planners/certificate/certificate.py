@@ -408,6 +408,7 @@ def active_constraints(parts: tuple[LimitedPart, ...], t: Array, s: Array, names
         ratios = np.concatenate([kind.piece_ratios(analysis, limit) for kind, limit in each], axis=1)
         columns = [(kind.name, subject) for kind, limit in each for subject in kind.subjects(analysis.robot, limit)]
         found += [(float(row[i]), *columns[i]) for row, i in zip(ratios, ratios.argmax(axis=1), strict=True)]
+    found += [(0.0, "", "")] * bool(t[-1] > end + SAME_TIME)  # a wait at the end
     ratio, limit, joint = zip(*found, strict=True)
     return Binding(t, s, np.diff(s) / np.diff(t), np.array(ratio), limit, joint)
 

@@ -386,7 +386,7 @@ def _is_same(robot: Robot, target: Array, q: Array, tracked: Array) -> bool:
 
 def _format(robot: Robot, q: Array) -> str:
     """Return a configuration as text."""
-    return f"[{', '.join(f'{x:.5g}' for x in q)}] {'(rad, m)' if robot.prismatic.any() else 'rad'}"
+    return f"[{', '.join(f'{x:.5g}' for x in np.round(q, 9) + 0.0)}] {'(rad, m)' if robot.prismatic.any() else 'rad'}"
 
 
 # ---------------- follow()

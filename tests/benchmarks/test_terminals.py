@@ -59,6 +59,43 @@ def test_a_plain_terminal_is_written_plainly() -> None:
     assert "ik" in text and "\x1b" not in text
 
 
+LIVE = """
+from benchmarks.cli.command import err_console, out_console
+from benchmarks.cli.runs import make_progress
+with err_console.status("writing the report"):
+    pass
+out_console.print("colours", style="yellow")
+with make_progress() as progress:
+    progress.refresh()
+"""
+"""Shows what changes in place on the error stream."""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no pseudo-terminals")
+@pytest.mark.parametrize(("terminal", "notebook"), [(False, False), (True, True), (True, False)])
+def test_displays_are_live_on_terminals_alone_whatever_the_colours(terminal: bool, notebook: bool) -> None:
+    kept = {k: v for k, v in os.environ.items() if k not in ("COLUMNS", "JPY_PARENT_PID")}
+    asked = {"PYTHONPATH": str(REPOSITORY), "FORCE_COLOR": "1", "TERM": "xterm-color"}
+    asked |= {"JPY_PARENT_PID": "1"} if notebook else {}
+    ends = os.openpty() if terminal else os.pipe()
+    with os.fdopen(ends[0], "rb", buffering=0) as errors:
+        done = subprocess.run(
+            [sys.executable, "-c", LIVE],
+            stdout=subprocess.PIPE,
+            stderr=ends[1],
+            check=True,
+            env=kept | asked,
+            timeout=300,
+        )
+        assert done.stdout == b"\x1b[33mcolours\x1b[0m\n"
+        os.write(ends[1], b"|")
+        said = b""
+        while not said.endswith(b"|"):
+            said += errors.read(1 << 16)
+        os.close(ends[1])
+    assert (said != b"|") is (terminal and not notebook), said
+
+
 SEVERAL = """
 import json, sys
 from benchmarks.cli.app import main

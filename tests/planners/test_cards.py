@@ -15,6 +15,7 @@ from optik.errors import InvalidInput
 from optik.view import Page
 from optik.view.page import MOST_PAGE
 from planners.certificate.certificate import find_enforced
+from planners.following.follow import _format
 from tests.planners.cases import START, paper6r
 from tests.planners.motions import planned
 
@@ -203,3 +204,13 @@ def test_a_class_or_an_object_of_the_user_works_as_a_name_does() -> None:
             planners.make_law(wrong)  # type: ignore[arg-type]
     with pytest.raises(InvalidInput, match="a law that is built"):
         planners.make_law(Slow(), speed=1.0)
+
+
+def test_rounding_errors_are_no_numbers_of_a_text() -> None:
+    robot = paper6r()
+    result = optik.solve_ik(robot, robot.fk(START), START + 0.1)
+    result = result._replace(q=START * [1, 1, 1, 1e-33, -1e-17, 1], position_error=3e-17, rotation_error=1.2e-16)
+    for text in (str(result), result._repr_html_(), _format(robot, result.q)):
+        assert not re.search(r"e-\d\d|-0[,\s]", text), text
+    assert "position error 0 mm, rotation error 0 rad" in str(result)
+    assert "position error 2e-06 mm" in str(result._replace(position_error=2e-9))

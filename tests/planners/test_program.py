@@ -216,6 +216,12 @@ def test_waits_are_counted_and_named_in_times():
     assert first.end - first.rest == pytest.approx(0.5)
     assert last.end - last.rest == pytest.approx(0.1)
     assert last.end == found.duration
+    active = found.certificate.binding
+    assert len(active.t) == len(active.limit) + 1 == len(active.ratio) + 1 == len(active.speed) + 1
+    at_rest = np.isclose(np.diff(active.t)[:, None], found.waits).any(axis=1)
+    assert (active.ratio[at_rest] == 0.0).all() and at_rest.sum() == 3
+    assert (active.ratio[~at_rest] > 0.5).all()
+    assert str(found).startswith("solved")
 
 
 def test_a_wait_before_a_closed_path_is_not_its_end():
