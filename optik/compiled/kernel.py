@@ -6,6 +6,7 @@ Numba's dispatcher is made faster: no unused wrappers, one version for all liter
 from __future__ import annotations
 
 import gc
+import inspect
 import os
 import sys
 import time
@@ -69,6 +70,7 @@ class Kernel(CPUDispatcher):  # type: ignore[misc]
     options: ClassVar[dict[str, bool]] = {"no_cfunc_wrapper": True}
 
     def __init__(self, py_func: Any, locals: Any = None, targetoptions: Any = None, **others: Any) -> None:
+        py_func.__signature__ = inspect.signature(py_func)  # which Numba asks for three times
         given = {"nopython": True, "boundscheck": None, "error_model": "numpy"} | self.options | (targetoptions or {})
         super().__init__(py_func, locals, given, **others)
         self._compiler = _Compiler(py_func, self.targetdescr, given, self.locals, self._compiler.pipeline_class)
