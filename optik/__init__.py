@@ -10,7 +10,7 @@ gc.disable()  # an import makes no garbage, and looking for it takes a sixth of 
 if _alone:
     sys.modules["yaml"] = None  # type: ignore[assignment] # Numba only reads settings with it, which `optik.compiled` ignores
 try:
-    import numba
+    import numba  # noqa: F401 -- without YAML
 
     if _alone:
         del sys.modules["yaml"]

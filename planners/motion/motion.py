@@ -364,7 +364,11 @@ def _find_largest_rate(motion: MotionAnalysis, limits: MotionLimits, names: tupl
         rate = motion.trajectory.duration / stretched.trajectory.duration
     except NoSolution:
         stretched = motion
-        rate = float(scipy.optimize.minimize_scalar(excess, bounds=RATES, method="bounded").x) if excess(1.0) < np.inf else 1.0
+        rate = (
+            float(scipy.optimize.minimize_scalar(excess, bounds=RATES, method="bounded").x)
+            if excess(1.0) < np.inf
+            else 1.0
+        )
     if rate == 1.0 or excess(rate) > 0.0:
         return rate
     step = SPARE

@@ -89,7 +89,9 @@ def test_what_no_stretch_helps_is_named(motion: Trajectory, limits: MotionLimits
 
 def test_a_contact_is_not_stretched_away() -> None:
     robot, q = optik.load("panda"), np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
-    motion = trajectory_through(np.array([0.0, 1.0]), *(np.array([x, y]) for x, y in [(q, q + 0.3), (0 * q, 0 * q), (0 * q, 0 * q)]))
+    motion = trajectory_through(
+        np.array([0.0, 1.0]), *(np.array([x, y]) for x, y in [(q, q + 0.3), (0 * q, 0 * q), (0 * q, 0 * q)])
+    )
     wall = optik.Scene(spheres=[(robot.fk(q + 0.15)[:3, 3], 0.05)])
     limits = MotionLimits.of(robot, acceleration=5.0, jerk=50.0)
     assert stretch_to_limits(robot, motion, limits).duration > 0.0
