@@ -20,9 +20,8 @@ from numba import typeof, types
 from numba.extending import is_jitted
 
 import optik.compiled.cache
-from optik.compiled import compiled, inlined
+from optik.compiled import compiled, inlined, kernel
 from optik.compiled.cache import Opaque, fingerprint
-from optik.compiled import kernel
 from optik.compiled.kernel import FIRST_USE, NOT_SHIPPED, Helper, Kernel
 from tests.oracles import REPOSITORY
 

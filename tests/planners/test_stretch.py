@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.interpolate import PPoly
+from scipy.interpolate import CubicHermiteSpline, PPoly
 
 import optik
 from optik.errors import NoSolution
@@ -85,6 +85,12 @@ def test_what_no_stretch_helps_is_named(motion: Trajectory, limits: MotionLimits
         stretch_to_limits(paper6r(), motion, limits)
     assert reason in str(caught.value)
     assert not any(excused(motion.stretched(c), limits) for c in np.geomspace(0.1, 1e3, 40))
+
+
+def test_a_spline_of_scipy_is_stretched() -> None:
+    t, q = np.array([0.0, 1.0, 2.0]), START + np.array([[0.0], [0.3], [0.6]]) * np.eye(6)[0]
+    motion = Trajectory(CubicHermiteSpline(t, q, np.array([[0.0], [0.3], [0.0]]) * np.eye(6)[0]))
+    assert stretch_to_limits(paper6r(), motion, MotionLimits(0.15)).duration > 4.0
 
 
 def test_a_contact_is_not_stretched_away() -> None:
