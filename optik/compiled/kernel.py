@@ -31,7 +31,7 @@ QUIET_SECONDS = 2.0
 SECONDS_A_LINE = 10.0
 """Time of compilation between two lines where there is no terminal [s]."""
 FIRST_USE = (
-    "optik: compiling on first use, about a minute; later runs use the cache (in advance: `optik kernels --compile`)"
+    "optik: compiling on first use, about a minute; later runs use the cache (in advance: the command `optik kernels`)"
 )
 """The line of a process that compiles, once."""
 NOT_SHIPPED = "optik: this installation has no compiled kernels for this platform and Python"
@@ -139,7 +139,7 @@ class _Compiler(_FunctionCompiler):  # type: ignore[misc]
 
 
 def _tell(name: str) -> None:
-    """Show a long compilation: `FIRST_USE`, then on a terminal a line that is replaced and finally removed, elsewhere more lines."""
+    """Show a long compilation: `FIRST_USE`, then on a terminal one line that is replaced and removed, elsewhere more lines."""
     seconds = _Process.seconds + (time.monotonic() - _Process.begin if _Process.depth else 0.0)
     if seconds <= QUIET_SECONDS or sys.stderr is None:
         return
