@@ -288,7 +288,8 @@ class Stream(Iterator[Setpoint]):
             (work, at, asked), self._work = self._work, None
             self._needed.append(max(self._given - asked, 0.0))
             try:
-                self._take(*work.result(), at)
+                motion, seconds = work.result()
+                self._take(motion, seconds, at)
             except Exception as error:
                 self._refuse(error)
         joined: Retargeted | None = None
