@@ -6,7 +6,6 @@ import json
 import os
 import sys
 import time
-import tomllib
 import uuid
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -86,6 +85,8 @@ def parse_json(text: str, argument: str) -> Any:
 
 def parse_toml(text: str, argument: str) -> dict[str, Any]:
     """Parse TOML, after a byte order mark too."""
+    import tomllib
+
     try:
         return tomllib.loads(text.removeprefix("\ufeff"))
     except (tomllib.TOMLDecodeError, RecursionError) as error:

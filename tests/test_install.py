@@ -58,6 +58,13 @@ def test_what_has_no_wheels_on_a_platform_is_not_required_there(platform: str) -
         assert here == (requirement.name not in absent), requirement
 
 
+def test_the_sources_of_every_arm_are_in_the_notice_of_the_wheel() -> None:
+    root = Path(__file__).parents[1]
+    notice = (root / "NOTICE").read_text(encoding="utf-8")
+    assert {file.stem for file in (root / "optik" / "robots").glob("*.toml")} <= set(notice.split())
+    assert "NOTICE" in tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))["project"]["license-files"]
+
+
 LIGHT = """
 import shlex, sys
 for name in ("polars", "plotly", "matplotlib", "pandas", "PIL", "scipy.ndimage"):

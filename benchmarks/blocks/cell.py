@@ -34,7 +34,7 @@ from planners.following.follow import PlanFailure
 from planners.following.joint_path import IKRecord, JointPath
 from planners.limits import MotionLimits
 from planners.motion import Motion
-from planners.motion.motion import stretch_to_limits
+from planners.motion.motion import stretch_analysed
 from planners.paths.line import Line
 from planners.plan import Plan, PlanStatus, make_law, plan
 
@@ -335,7 +335,7 @@ def plan_through(robot: Robot, line: Line, q: Array, solver: str, law: str) -> P
     limits, timed = MotionLimits.of(robot), make_law(law)
     try:
         enforced = timed.list_enforced(limits)
-        trajectory = stretch_to_limits(robot, timed.run(joints, limits), limits, enforced, line)
+        trajectory = stretch_analysed(timed.run_with_analysis(joints, limits), limits, enforced).trajectory
     except NoSolution as error:
         failure = PlanFailure.from_error(PlanStatus.TIMING_INFEASIBLE, error)
         return Plan(robot, line, limits, PlanStatus.TIMING_INFEASIBLE, solver, law, joints, failure, None, None)

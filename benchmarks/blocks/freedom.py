@@ -41,11 +41,12 @@ from optik.arm.library import load
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput, NoSolution
 from optik.types import Array
+from planners.certificate.analysis import MotionAnalysis
 from planners.certificate.certification import certify
 from planners.freedom import freedom_of, freedoms
 from planners.limits import MotionLimits
 from planners.motion import PlanStatus
-from planners.motion.motion import stretch_to_limits
+from planners.motion.motion import stretch_analysed
 from planners.paths.base import Path
 from planners.paths.free_path import FreePath, free
 from planners.paths.joint_line import JointLine
@@ -252,7 +253,7 @@ def solve_by_peer(
     enforced = tuple(each for each in limits.names if limits.value(each) is not None)
     try:
         about, chosen, raw = _PEERS[name](arm, path, q, limits)
-        motion = stretch_to_limits(arm, raw, limits, enforced, chosen)
+        motion = stretch_analysed(MotionAnalysis(arm, raw, chosen), limits, enforced).trajectory
     except (NoSolution, Absent) as error:
         return row | {"status": str(PlanStatus.TIMING_INFEASIBLE), "outcome": str(error)}
     proof = certify(arm, chosen, motion, limits, law=name, enforced=enforced)

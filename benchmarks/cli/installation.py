@@ -130,7 +130,9 @@ def _check_cache() -> Iterator[Check]:
     else:
         yield Check("compiled code", "cache", "usable", place)
     words = describe_shipped()
-    yield Check("compiled code", "shipped", "usable" if words.endswith(" used") else "absent", words)
+    usable = words.endswith(" used")
+    words += "" if usable else "; a first plan compiles for about a minute (in advance: optik kernels --compile)"
+    yield Check("compiled code", "shipped", "usable" if usable else "absent", words)
 
 
 def _check_extras() -> Iterator[Check]:

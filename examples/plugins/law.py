@@ -8,8 +8,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.interpolate import BPoly, CubicSpline, PPoly
 
+from planners import stretch_to_limits
 from planners.limits import DERIVATIVES
-from planners.motion.motion import stretch_to_limits
 from planners.timing import TimeLaw
 from planners.timing.base import refit
 
@@ -31,9 +31,7 @@ class SlowMiddle(TimeLaw):
     def _time(self, joint_path, limits):
         """Time the joint path."""
         shape = refit(joint_path, self._progress(joint_path))
-        return stretch_to_limits(
-            joint_path.robot, shape, limits, self.enforced
-        )  # scales the motion in time to the limits
+        return stretch_to_limits(joint_path.robot, shape, limits, self.enforced)  # as fast as the limits allow
 
     def _progress(self, joint_path):
         """s(t) over one second: a minimum-jerk motion in the variable whose density is the time per distance."""

@@ -6,6 +6,7 @@ Numba's dispatcher is made faster: no unused wrappers, one version for all liter
 from __future__ import annotations
 
 import gc
+import inspect
 import os
 import sys
 import time
@@ -17,6 +18,7 @@ from numba.core import config, types
 from numba.core.dispatcher import _FunctionCompiler  # type: ignore[attr-defined]
 from numba.core.registry import CPUDispatcher
 
+from optik.compiled import archive
 from optik.compiled.cache import MOST_OPT, KernelCache
 
 config._config_fname = os.devnull  # a .numba_config.yaml in the working folder could name a folder of code to run
@@ -26,10 +28,14 @@ F = TypeVar("F", bound=Callable[..., Any])
 """Type of the function: the type checker sees the signature of the compiled function."""
 QUIET_SECONDS = 2.0
 """Time of compilation after which a process says that it compiles [s]."""
+SECONDS_A_LINE = 10.0
+"""Time of compilation between two lines where there is no terminal [s]."""
 FIRST_USE = (
     "optik: compiling on first use, about a minute; later runs use the cache (in advance: the command `optik kernels`)"
 )
-"""The line of a notebook, an editor or a log, once in a process."""
+"""The line of a process that compiles, once."""
+NOT_SHIPPED = "optik: this installation has no compiled kernels for this platform and Python"
+"""The line before it, if that is the reason."""
 
 
 def compiled(function: F) -> F:
@@ -69,6 +75,7 @@ class Kernel(CPUDispatcher):  # type: ignore[misc]
     options: ClassVar[dict[str, bool]] = {"no_cfunc_wrapper": True}
 
     def __init__(self, py_func: Any, locals: Any = None, targetoptions: Any = None, **others: Any) -> None:
+        py_func.__signature__ = inspect.signature(py_func)  # which Numba asks for three times
         given = {"nopython": True, "boundscheck": None, "error_model": "numpy"} | self.options | (targetoptions or {})
         super().__init__(py_func, locals, given, **others)
         self._compiler = _Compiler(py_func, self.targetdescr, given, self.locals, self._compiler.pipeline_class)
@@ -104,7 +111,7 @@ class _Process:
     level: Any = None  # Numba's optimisation level before the outermost compilation
     seconds: float = 0.0  # of all earlier compilations [s]
     begin: float = 0.0  # of the outermost compilation [s]
-    told: bool = os.environ.get("OPTIK_COMPILES") == "quiet"  # `FIRST_USE`, or not wanted
+    due: float = float("inf") if os.environ.get("OPTIK_COMPILES") == "quiet" else 0.0  # the next line [s]
 
 
 class _Compiler(_FunctionCompiler):  # type: ignore[misc]
@@ -132,16 +139,17 @@ class _Compiler(_FunctionCompiler):  # type: ignore[misc]
 
 
 def _tell(name: str) -> None:
-    """Show a long compilation: on a terminal in one line that is replaced and finally removed, elsewhere by `FIRST_USE`."""
+    """Show a long compilation: `FIRST_USE`, then on a terminal one line that is replaced and removed, elsewhere more lines."""
     seconds = _Process.seconds + (time.monotonic() - _Process.begin if _Process.depth else 0.0)
     if seconds <= QUIET_SECONDS or sys.stderr is None:
         return
-    if sys.stderr.isatty():
-        words = f"optik: compiling, {seconds:.0f} s: {name}" if _Process.depth else ""
-        print(f"\r\x1b[K{words[:70]}", end="", file=sys.stderr, flush=True)
-    elif not _Process.told:
-        from multiprocessing import parent_process
+    from multiprocessing import parent_process
 
-        _Process.told = True
-        if parent_process() is None:  # not a worker
-            print(FIRST_USE, file=sys.stderr, flush=True)
+    words, terminal = f"optik: compiling, {seconds:.0f} s{name and f': {name}'}"[:70], sys.stderr.isatty()
+    if seconds >= _Process.due and parent_process() is None:  # not a worker
+        first = f"{NOT_SHIPPED}\n" * isinstance(archive.open_archive(), str) + FIRST_USE
+        if not (_Process.due and terminal):
+            print(words if _Process.due else first, file=sys.stderr, flush=True)
+        _Process.due = seconds + SECONDS_A_LINE
+    if terminal:
+        print(f"\r\x1b[K{words if _Process.depth else ''}", end="", file=sys.stderr, flush=True)

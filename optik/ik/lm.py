@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from typing import Any, ClassVar
 
@@ -152,6 +151,8 @@ class LM(IKSolver):
         def part(first: int) -> None:
             k = slice(first, first + BATCH_CHUNK)
             kernel(self._arm, targets[k], starts[k], tuple([field[k] for field in batch]))
+
+        from concurrent.futures import ThreadPoolExecutor
 
         with ThreadPoolExecutor(threads or _count_cores()) as pool:
             for _ in pool.map(part, range(0, len(targets), BATCH_CHUNK)):

@@ -20,7 +20,6 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from difflib import get_close_matches
 from functools import lru_cache
 from importlib.machinery import ModuleSpec, SourceFileLoader
 from importlib.metadata import EntryPoint
@@ -439,4 +438,6 @@ def defaults(method: Any) -> dict[str, Any]:
 
 def find_nearest_name(name: str, known: Iterable[str]) -> str:
     """Return the known name with the most similar spelling, or an empty string."""
+    from difflib import get_close_matches
+
     return next(iter(get_close_matches(name, list(known), n=1)), "")

@@ -6,7 +6,6 @@ import base64
 import json
 import os
 import sys
-import webbrowser
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.resources import files
@@ -370,6 +369,8 @@ def show_page(show: Show) -> Page:
     """Return the page of a viewer, which a notebook shows; elsewhere open it in the browser."""
     page = Page(make_page(show))
     if not in_notebook():
+        import webbrowser
+
         file = Path(mkdtemp(prefix="optik-")) / "view.html"
         page.save(file)
         webbrowser.open(file.as_uri())

@@ -28,7 +28,7 @@ from planners.certificate.analysis import (
 from planners.certificate.clearance import Clearance
 from planners.certificate.effort import Energy, FrictionStep
 from planners.certificate.path_error import PathError
-from planners.certificate.violation import Allow, Violation, check_allow, word_of_limit, words_for
+from planners.certificate.violation import MOVING, Allow, Violation, check_allow, word_of_limit, words_for
 from planners.limits import ALL_LIMITS, LOADED, Extreme, MotionLimits, ToolExtreme, kind_of
 from planners.limits.inputs import plain
 
@@ -231,7 +231,7 @@ class Certificate:
     @cached_property
     def violations(self) -> tuple[Violation, ...]:
         """The violations; empty if the certificate is valid."""
-        moving = [] if self.rest[1] else [Violation("the motion does not end at rest", self.duration, "limits")]
+        moving = [] if self.rest[1] else [Violation(MOVING, self.duration, "limits")]
         return (
             *self._limit_violations(),
             *find_continuity_violations(self.continuous, self.jump, self.joint_names),

@@ -293,7 +293,7 @@ def certify(
         options: dict[str, Any] = {"law": law, "enforced": enforced, "rate": rate, "scene": scene, "before": before}
         proof = certify(robot, None, trajectory, limits, **options)
         return _judge_waypoints(proof, waypoints, tolerance)
-    limits = _check_kinds(robot, path, trajectory, limits)
+    limits = check_kinds(robot, path, trajectory, limits)
     span = _check_part(path, span, tolerance, trajectory)
     enforced = _check_enforced(enforced, limits)
     tolerance = None if tolerance is None else Tolerance.of(tolerance)
@@ -412,7 +412,7 @@ def _measure_along_path(analysis: MotionAnalysis, span: tuple[float, float]) -> 
     return off, passage.s[passage.knot], coverage(analysis.path, passage, span)
 
 
-def _check_kinds(robot: Robot, path: Path | None, trajectory: Trajectory, limits: MotionLimits | None) -> MotionLimits:
+def check_kinds(robot: Robot, path: Path | None, trajectory: Trajectory, limits: MotionLimits | None) -> MotionLimits:
     """Return the limits; raise InvalidInput for arguments of a wrong type or with a wrong number of joints."""
     limits = MotionLimits.of(robot) if limits is None and isinstance(robot, Robot) else limits
     given = {"robot": robot, "path": path, "trajectory": trajectory, "limits": limits}

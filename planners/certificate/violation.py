@@ -12,6 +12,8 @@ ALLOWANCES = ("contact", "path", "limits", "jerk", "coverage", "not_proved")
 limits, jumps and ranges; an exceeded jerk limit; a missing part of the path; bounds that are neither violated nor proved."""
 LIMIT_WORDS = ("limits", "jerk")
 """Words that permit exceeded limits of the motion."""
+MOVING = "the motion does not end at rest"
+"""Violation of a motion that another one must continue."""
 Allow = str | Iterable[str]
 """One word of `ALLOWANCES`, or several."""
 

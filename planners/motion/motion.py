@@ -22,9 +22,9 @@ from optik.scene.contact import check_scene, scene_for
 from optik.types import Array
 from planners.certificate.analysis import MotionAnalysis, check_span
 from planners.certificate.certificate import Certificate, check_valid
-from planners.certificate.certification import certify
+from planners.certificate.certification import certify, check_kinds
 from planners.certificate.torque import TorqueBounds
-from planners.certificate.violation import ALLOWANCES, Allow, check_allow
+from planners.certificate.violation import ALLOWANCES, MOVING, Allow, check_allow
 from planners.following.failure import FollowStatus
 from planners.following.joint_path import JointPath
 from planners.limits import ALL_LIMITS, MotionLimits, check_names, check_path, kind_of
@@ -279,12 +279,14 @@ FIRST_MARGIN = 1e-12
 """Relative margin of a second slow-down, needed if rounding still exceeds a limit; ten times as much for each further one."""
 SPARE = 1e-6
 """Largest fraction of the duration that a scaled motion may be too slow: gravity does not scale with a power of the speed."""
+RATES = (1e-3, 10.0)
+"""Speeds at which a motion is tried that exceeds a limit at rest, over its own."""
 MOST_SPEED_UPS = 4
 """Most times that such a motion is sped up again; each adds a few digits."""
 
 
 def find_stretch_factor(motion: MotionAnalysis, limits: MotionLimits, enforced: tuple[str, ...] | None = None) -> float:
-    """Return the least factor by which a motion from rest to rest is stretched in time to respect the limits."""
+    """Return the least factor by which a motion is stretched in time to respect the limits."""
     if enforced is not None:
         check_names(enforced, "enforced")
     bounds = limits.bounds(motion.robot.n)
@@ -292,28 +294,96 @@ def find_stretch_factor(motion: MotionAnalysis, limits: MotionLimits, enforced: 
     return max((kind.stretch_factor(motion, bounds[kind.name]) for kind in chosen), default=0.0)
 
 
-def is_within(motion: MotionAnalysis, limits: MotionLimits, names: tuple[str, ...]) -> bool:
-    """Say whether a motion respects these limits, as the certificate judges them."""
+def find_largest_ratio(motion: MotionAnalysis, limits: MotionLimits, names: tuple[str, ...]) -> float:
+    """Return the largest ratio of a motion to these limits, as the certificate judges them."""
     bounds = limits.bounds(motion.robot.n)
     chosen = [kind for kind in limits.kinds if kind.name in names and kind.is_given(bounds[kind.name])]
-    return all(float(np.nanmax(kind.judge(motion, bounds[kind.name]).ratio)) <= 1.0 for kind in chosen)
+    return max((float(np.nanmax(kind.judge(motion, bounds[kind.name]).ratio)) for kind in chosen), default=0.0)
 
 
 def stretch_to_limits(
-    robot: Robot,
-    trajectory: Trajectory,
-    limits: MotionLimits,
-    enforced: tuple[str, ...] | None = None,
-    path: Path | None = None,
-) -> Trajectory:
-    """Return a motion from rest to rest, scaled in time to reach a limit and exceed none."""
-    return stretch_analysed(MotionAnalysis(robot, trajectory, path), limits, enforced).trajectory
+    robot: Robot, trajectory: Trajectory, limits: MotionLimits | None = None, enforced: tuple[str, ...] | None = None,
+    path: Path | None = None, scene: Scene | None = None,
+) -> Trajectory:  # fmt: skip
+    """Return a trajectory with the least stretch in time at which its certificate is valid.
+
+    A trajectory that the limits would allow to be faster becomes faster. It may begin or end in motion: then its first and last
+    velocities change with the stretch, and only the end at rest is missing from its certificate.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+    trajectory : Trajectory
+        The motion.
+    limits : MotionLimits, optional
+        The limits, by default the robot's own.
+    enforced : tuple of str, optional
+        Names of the limits to respect, by default all.
+    path : Path, optional
+        Path of the tool, which the motion must cover.
+    scene : Scene, optional
+        Obstacles and the margin to them.
+
+    Returns
+    -------
+    Trajectory
+        The same positions, at other times.
+
+    Raises
+    ------
+    NoSolution
+        Stretching does not help: the reason names what is violated at any speed.
+    InvalidInput
+        An argument that `planners.certify` does not accept.
+    """
+    limits = check_kinds(robot, path, trajectory, limits)
+    motion = MotionAnalysis(robot, trajectory, path)
+    stretched = motion.stretched(1.0 / _find_largest_rate(motion, limits, enforced or limits.names))
+    moved = stretched.trajectory
+    proof = certify(robot, path, moved, limits, enforced=enforced, scene=scene, analysis=stretched)
+    if left := [each for each in proof.violations if each.words != MOVING]:
+        scale = trajectory.duration / moved.duration
+        reasons = (f"{each.words.partition(' at t = ')[0]} at t = {each.t * scale:.6g} s" for each in left)
+        raise NoSolution(f"violated at any speed: {'; '.join(reasons)}", advice="another motion, or higher limits")
+    return moved
+
+
+def _find_largest_rate(motion: MotionAnalysis, limits: MotionLimits, names: tuple[str, ...]) -> float:
+    """Return the largest speed, over that of a motion, at which it respects the limits, or exceeds them least.
+
+    A motion that exceeds a limit at rest may respect it in motion, as dynamic forces keep the liquid in a swung cup.
+    """
+
+    def excess(rate: float) -> float:
+        return find_largest_ratio(motion.stretched(1.0 / rate), limits, names) - 1.0
+
+    try:
+        stretched = stretch_analysed(motion, limits, names)
+        rate = motion.trajectory.duration / stretched.trajectory.duration
+    except NoSolution:
+        stretched = motion
+        rate = (
+            float(scipy.optimize.minimize_scalar(excess, bounds=RATES, method="bounded").x)
+            if excess(1.0) < np.inf
+            else 1.0
+        )
+    if rate == 1.0 or excess(rate) > 0.0:
+        return rate
+    step = SPARE
+    while excess(rate * (1.0 + step)) <= 0.0:
+        rate, step = rate * (1.0 + step), 4.0 * step
+    high = rate * (1.0 + step)
+    while high - rate > SPARE * rate:
+        middle = 0.5 * (rate + high)
+        rate, high = (middle, high) if excess(middle) <= 0.0 else (rate, middle)
+    return rate
 
 
 def stretch_analysed(
     motion: MotionAnalysis, limits: MotionLimits, enforced: tuple[str, ...] | None = None
 ) -> MotionAnalysis:
-    """Return a motion from rest to rest, scaled in time to reach a limit and exceed none, with its analysis."""
+    """Return a motion, scaled in time to reach a limit and exceed none, with its analysis."""
     factor = find_stretch_factor(motion, limits, enforced)
     if not factor > 0.0:
         return motion

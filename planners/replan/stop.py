@@ -11,8 +11,9 @@ import numpy as np
 import scipy
 
 from optik.errors import NoSolution
+from planners.certificate.analysis import MotionAnalysis
 from planners.following.joint_path import JointPath
-from planners.motion.motion import find_stretch_factor, match_start, stretch_to_limits
+from planners.motion.motion import find_stretch_factor, match_start, stretch_analysed
 from planners.planning.planner import PlanRequest
 from planners.planning.result import Plan
 from planners.replan import state
@@ -266,7 +267,8 @@ def _slow_down(request: PlanRequest, start: MovingState) -> Plan | None:
     enforced = request.enforced
     for found in _start_from_rest(request, start.plan.joint_path, start.at):
         try:
-            slower = stretch_to_limits(request.robot, found, request.limits, enforced, request.path)
+            motion = MotionAnalysis(request.robot, found, request.path)
+            slower = stretch_analysed(motion, request.limits, enforced).trajectory
         except NoSolution:
             continue
         solved = certify_motion(request, start, match_start(slower, start.joints, request.limits))

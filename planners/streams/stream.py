@@ -7,7 +7,6 @@ import re
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
 from math import ceil
 from typing import Any, NamedTuple
 
@@ -154,8 +153,10 @@ class Stream(Iterator[Setpoint]):
         self.engine = Retargeter(robot, **options)
         self._running, self._begin = begin(self.engine, start, "start"), 0.0
         self._waiting = deque[tuple[Retargeted, float]]()  # motions that begin later, each from the one before
+        from concurrent.futures import ThreadPoolExecutor
+
         self._pool = ThreadPoolExecutor(1) if realtime else None
-        self._work: tuple[Future[tuple[Retargeted, float]], float, float] | None = None
+        self._work: tuple[Any, float, float] | None = None
         self._tick, self._began, self._heard, self._given = -1, 0.0, 0.0, -1.0
         self._stopping = self._rests = False
         self.announce: Callable[[Retargeted, float], None] = lambda motion, begin: None
@@ -286,7 +287,8 @@ class Stream(Iterator[Setpoint]):
             (work, at, asked), self._work = self._work, None
             self._needed.append(max(self._given - asked, 0.0))
             try:
-                self._take(*work.result(), at)
+                motion, seconds = work.result()
+                self._take(motion, seconds, at)
             except Exception as error:
                 self._refuse(error)
         joined: Retargeted | None = None

@@ -17,7 +17,7 @@ from planners.certificate.analysis import MotionAnalysis
 from planners.following.follow import JointPath
 from planners.limits import ALL_LIMITS, DERIVATIVES, MotionLimits, kind_of
 from planners.limits.motion_limits import tool_limits_between
-from planners.motion.motion import FIRST_MARGIN, is_within, match_start, stretch_analysed, stretch_to_limits
+from planners.motion.motion import FIRST_MARGIN, find_largest_ratio, match_start, stretch_analysed
 from planners.timing.base import QUIET, PathState, TimeLaw, refit
 from planners.timing.interior_point import iteration
 from planners.timing.interior_point.newton import Iterate, Problem
@@ -247,7 +247,7 @@ class Optimal(TimeLaw):
             motion = MotionAnalysis(joint_path.robot, solution.motion, joint_path.path)
             if loaded:  # after slowing by the estimated factor, one proof is usually enough
                 stretched = motion.stretched(max(solution.slower, 1.0) * (1.0 + FIRST_MARGIN))
-                if is_within(stretched, limits, enforced):
+                if find_largest_ratio(stretched, limits, enforced) <= 1.0:
                     return stretched, solution.optimum
             return stretch_analysed(motion, limits, enforced), solution.optimum
         limit, joint, place, ratio = _find_worst_violation(start(joint_path, limits, self.intervals))
@@ -264,9 +264,8 @@ class Optimal(TimeLaw):
         problem = moving_programme(joint_path, limits, self.intervals, state, joint_path.end)
         found = None if problem is None else _solve(problem, SLOWDOWN_LOADED if at_rest else 0.0)
         if found is not None and at_rest:
-            return stretch_to_limits(
-                joint_path.robot, found.motion, limits, self.list_enforced(limits), joint_path.path
-            )
+            motion = MotionAnalysis(joint_path.robot, found.motion, joint_path.path)
+            return stretch_analysed(motion, limits, self.list_enforced(limits)).trajectory
         if found is not None:
             return found.motion
         raise NoSolution(

@@ -284,7 +284,9 @@ class Trajectory(PiecewiseCurve):
         check_number(factor, "factor", "a number above 0", above=0.0)
         p = self._polynomial
         powers = np.arange(p.c.shape[0])[::-1][:, None, None]
-        return Trajectory(type(p)(p.c / float(factor) ** powers, p.x * float(factor), extrapolate=True), self.s)
+        return Trajectory(
+            scipy.interpolate.PPoly(p.c / float(factor) ** powers, p.x * float(factor), extrapolate=True), self.s
+        )
 
 
 def _lock(array: Array) -> Array:

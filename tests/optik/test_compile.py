@@ -20,9 +20,9 @@ from numba import typeof, types
 from numba.extending import is_jitted
 
 import optik.compiled.cache
-from optik.compiled import compiled, inlined
+from optik.compiled import compiled, inlined, kernel
 from optik.compiled.cache import Opaque, fingerprint
-from optik.compiled.kernel import FIRST_USE, Helper, Kernel
+from optik.compiled.kernel import FIRST_USE, NOT_SHIPPED, Helper, Kernel
 from tests import forks
 from tests.oracles import REPOSITORY
 
@@ -514,25 +514,29 @@ def test_the_collector_is_as_before_even_after_an_error(collects):
     assert numba.core.config.OPT is level
 
 
-@pytest.fixture(name="telling", params=[-1.0, 1e9])
-def _telling(request, cache, monkeypatch):
-    """Whether this process, which has compiled nothing so far, tells of a long compilation: the first or a very long one."""
-    monkeypatch.setattr(optik.compiled.kernel, "QUIET_SECONDS", request.param)
-    monkeypatch.setattr(optik.compiled.kernel._Process, "seconds", 0.0)
-    monkeypatch.setattr(optik.compiled.kernel._Process, "told", False)
-    return request.param < 0.0
-
-
-def test_a_log_or_a_notebook_is_told_once_that_functions_are_compiled(telling, capsys):
-    assert [compiled(doubled)(x) for x in (1.0, 1)] == [2.0, 2.0]
-    assert capsys.readouterr().err.splitlines() == [FIRST_USE] * telling
-
-
-def test_who_wants_it_quiet_is_told_nothing(tmp_path):
+@pytest.mark.parametrize("shipped", [True, False])
+@pytest.mark.parametrize(("seconds", "quiet", "told"), [(-1.0, "", True), (-1.0, "quiet", False), (1e9, "", False)])
+def test_a_log_or_a_notebook_is_told_once_that_functions_are_compiled(tmp_path, seconds, quiet, told, shipped):
     write_two(tmp_path)
-    code = "import optik.compiled.kernel as k; k.QUIET_SECONDS = -1.0; import outer; outer.outer(1.0)"
-    env = os.environ | {"PYTHONPATH": os.pathsep.join([str(REPOSITORY), str(tmp_path)]), "OPTIK_COMPILES": "quiet"}
-    assert subprocess.check_output([sys.executable, "-c", code], env=env, stderr=subprocess.STDOUT, timeout=120) == b""
+    code = (
+        f"import optik.compiled.kernel as k; k.QUIET_SECONDS = {seconds}; k.archive.open_archive = lambda: {shipped or ''!r}; "
+        "import outer; outer.outer(1.0)"
+    )
+    env = os.environ | {"PYTHONPATH": os.pathsep.join([str(REPOSITORY), str(tmp_path)]), "OPTIK_COMPILES": quiet}
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True, timeout=120
+    )
+    assert done.stderr.splitlines() == ([NOT_SHIPPED] * (not shipped) + [FIRST_USE]) * told
+
+
+def test_where_there_is_no_terminal_a_long_compilation_adds_a_line_every_ten_seconds(monkeypatch, capsys):
+    clock = iter(np.arange(0.0, 65.0, 4.0))
+    monkeypatch.setattr(kernel, "_Process", type("Fresh", (kernel._Process,), {"depth": 1, "due": 0.0, "begin": 0.0}))
+    monkeypatch.setattr(kernel.time, "monotonic", lambda: next(clock))
+    for _ in range(16):
+        kernel._tell("planned")
+    lines = capsys.readouterr().err.splitlines()
+    assert FIRST_USE in lines and lines[-4:] == [f"optik: compiling, {s} s: planned" for s in (16, 28, 40, 52)]
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="terminals as POSIX has them")

@@ -12,7 +12,7 @@ from optik.errors import InvalidInput, NoSolution, UnknownName
 from optik.plugins.files import import_file
 from optik.registry import short_name
 from optik.types import Array
-from planners import Motion, MotionLimits, certify, load_motion, plan, save
+from planners import Motion, MotionLimits, certify, load_motion, plan, save, stretch_to_limits
 from planners.certificate.analysis import MotionAnalysis
 from planners.limits import (
     ALL_LIMITS,
@@ -28,7 +28,7 @@ from planners.limits import (
 )
 from planners.limits.inputs import LimitedMotion
 from planners.limits.record import RecordLimit
-from planners.motion.motion import find_stretch_factor, stretch_to_limits
+from planners.motion.motion import find_stretch_factor
 from tests.oracles import REPOSITORY
 from tests.outside import everything
 from tests.planners.cases import START, default_joint_path, default_line, paper6r

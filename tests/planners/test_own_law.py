@@ -13,7 +13,7 @@ from optik.errors import InvalidInput, NoSolution
 from planners import MotionLimits, Trajectory
 from planners.certificate.analysis import MotionAnalysis
 from planners.following.joint_path import JointPath
-from planners.motion.motion import find_stretch_factor, stretch_to_limits
+from planners.motion.motion import find_stretch_factor
 from planners.timing import TimeLaw
 from planners.timing.quintic import Quintic
 from planners.timing.toppra import Toppra
@@ -92,7 +92,7 @@ def test_promises_that_are_no_limits_are_refused_before_anything_runs(enforced: 
 def test_motions_are_fitted_to_limits_that_exist(enforced: Any) -> None:
     trajectory = Quintic(duration=2.0).run(default_joint_path(), LIMITS)
     for use in (
-        stretch_to_limits,
+        planners.stretch_to_limits,
         lambda robot, motion, *rest: find_stretch_factor(MotionAnalysis(robot, motion), *rest),
     ):
         with pytest.raises(InvalidInput, match="enforced"):
