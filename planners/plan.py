@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
+from typing import Any, overload
 
 from numpy.typing import ArrayLike
 
+from optik.arm.group import Group
 from optik.arm.robot import Robot
 from optik.check import check_count
 from optik.errors import InvalidInput, NoSolution
@@ -19,6 +21,8 @@ from planners.certificate.violation import LIMIT_WORDS, Allow, check_allow
 from planners.choice.first_paths import check_avoid, check_avoidable
 from planners.choice.planner import MotionPlanner
 from planners.following.follow import DEFAULT_TOLERANCE, read_time_limit
+from planners.group.planner import plan_group
+from planners.group.result import GroupPlan
 from planners.limits import MotionLimits, check_path
 from planners.motion import PlanStatus
 from planners.paths.base import Path
@@ -33,22 +37,27 @@ from planners.timing import LawLike, make_law
 __all__ = ["Plan", "PlanSeconds", "PlanStatus", "ProgramPlan", "make_law", "path_to", "plan"]
 
 
+@overload
+def plan(robot: Robot, *arguments: Any, **options: Any) -> Plan: ...
+@overload
+def plan(robot: Group, *arguments: Any, **options: Any) -> GroupPlan: ...
 def plan(
-    robot: Robot, path: Path | Program | ArrayLike, q_start: ArrayLike | None = None, *,
-    solver: SolverLike = "lm", timing: LawLike = "optimal", limits: MotionLimits | None = None, samples: int = 151,
+    robot: Robot | Group, path: Any, q_start: Any = None, *,
+    solver: SolverLike = "lm", timing: LawLike = "optimal", limits: Any = None, samples: int = 151,
     branch: str | None = None, rate: float = 1000.0, duration: float | None = None, strict: bool = False,
     tolerance: ToleranceLike = DEFAULT_TOLERANCE, allow: Allow = (), scene: Scene | None = None,
     avoid: bool | SearchLike = False, winding: str = "nearest", resolve: str = "auto", time_limit: float | None = None,
-    reconfigurations: int = 0,
-) -> Plan:  # fmt: skip
+    reconfigurations: int = 0, tool: str | None = None, frame: str | None = None,
+) -> Plan | GroupPlan:  # fmt: skip
     """Plan the joint motion that takes the tool along a path, and certify its limits.
 
     Parameters
     ----------
-    robot : Robot
-        The arm.
+    robot : Robot or Group
+        The arm, or several mechanisms.
     path : Path, Program, (4, 4) array, or (n,) array
-        The path of the tool. A pose means the line to it; joints [rad, m] the line in joint space; a `Program` many parts.
+        The path of the tool. A pose means the line to it; joints [rad, m] the line in joint space; a `Program` many parts. For
+        a group also goals by member, joints or poses in the world.
     q_start : (n,) array, optional
         Configuration at the path's start [rad, m]; by default the best one there.
     solver, timing : str, path, type, or IKSolver and TimeLaw
@@ -76,23 +85,37 @@ def plan(
         Where following fails, "auto" searches sequences of configurations and freedoms along the whole path, within a budget of
         configurations; "local" does not. `time_limit` [s] also limits the computing time of this search. `reconfigurations` is
         how often the tool may leave the path for another configuration; if it does, the result is a `ProgramPlan`.
+    tool, frame : str, optional
+        Members of a group: the tool that follows the path, and the member in whose tool frame the path is given.
 
     Returns
     -------
     Plan
-        On failure with a `Plan.failure`: path parameter, reason and advice. A `ProgramPlan` for a `Program`.
+        On failure with a `Plan.failure`: path parameter, reason and advice. A `ProgramPlan` for a `Program`, a `GroupPlan` for a
+        group.
 
     Raises
     ------
     InvalidInput, UnknownName
         An invalid argument; a limit that the law needs and that is missing; an unknown method or law; an arm without shapes.
     """
-    options = PlanOptions(
-        MotionLimits.of(robot) if limits is None else limits, solver=solver, timing=timing, samples=samples, branch=branch,
-        rate=rate, duration=duration, strict=strict, tolerance=Tolerance.of(tolerance), allow=allow, scene=scene, avoid=avoid,
-        winding=winding, resolve=resolve, time_limit=time_limit,
-    )  # fmt: skip
-    return _plan(robot, path, q_start, options, reconfigurations)
+    options: dict[str, Any] = {
+        "solver": solver, "timing": timing, "samples": samples, "branch": branch, "rate": rate, "duration": duration,
+        "strict": strict, "tolerance": Tolerance.of(tolerance), "allow": allow, "scene": scene, "avoid": avoid,
+        "winding": winding, "resolve": resolve, "time_limit": time_limit,
+    }  # fmt: skip
+    if isinstance(robot, Group):
+        return plan_group(robot, path, q_start, (frame, tool), limits, options, partial(_plan, most=reconfigurations))
+    for name, value in (("tool", tool), ("frame", frame)):
+        if value is not None:
+            raise InvalidInput(name, repr(value)[:60], "none for one arm: it names a member of an optik.Group")
+    return _plan(
+        robot,
+        path,
+        q_start,
+        PlanOptions(MotionLimits.of(robot) if limits is None else limits, **options),
+        reconfigurations,
+    )
 
 
 def _plan(

@@ -19,6 +19,7 @@ from optik.registry import build_method, names
 from optik.types import Array, Flags
 from planners.limits.base import Limit, middle_and_half, ratio_to_limit, scale_of, sides, symmetric_limit
 from planners.limits.inputs import Extreme, Gears, LimitedMotion, PathPoints, ToolExtreme
+from planners.limits.member import MemberLimit
 from planners.paths.base import Path
 from planners.trajectory import Extrema
 from planners.trajectory.curve import chain_rows
@@ -425,6 +426,10 @@ def kind_of(name: str) -> Limit:
     """Return the kind of limit of a name, or of a file, which is run."""
     found: Limit | None = _BY_NAME.get(name) or _ADDED.get(name)
     if found is None:
+        member, _, own = name.rpartition(".")
+        if member and own in limit_names():
+            found = _ADDED[name] = MemberLimit(member, kind_of(own))
+            return found
         if not is_path(name) and name not in names(FOLDER):
             raise UnknownName("limit", name, limit_names())
         found = build_method(FOLDER, name, "limit")
