@@ -2,6 +2,7 @@
 
 from optik import errors as errors
 from optik import ik as ik
+from optik.arm.group import Group
 from optik.arm.inertia import Inertia, Payload
 from optik.arm.library import load
 from optik.arm.limits import JointLimits, VelocityByPosition
@@ -17,6 +18,7 @@ __version__ = "0.1.0"
 
 __all__ = [
     "DHRow",
+    "Group",
     "IKResult",
     "IKStatus",
     "Inertia",

@@ -5,6 +5,8 @@ from planners.certificate.certification import certify
 from planners.files import load_motion, save
 from planners.files.setpoints import load_trajectory
 from planners.following.follow import follow
+from planners.group.combine import combine
+from planners.group.result import GroupPlan
 from planners.limits import MotionLimits
 from planners.limits.moveit import load_limits
 from planners.motion import Motion
@@ -28,12 +30,12 @@ from planners.trajectory import Trajectory
 
 __all__ = [  # noqa: RUF022 -- by task
     # plan a motion
-    "plan", "free", "follow", "find_path", "laws", "make_law",
+    "plan", "combine", "free", "follow", "find_path", "laws", "make_law",
     # paths, limits, programs
     "Path", "Line", "Arc", "Polyline", "Spline", "JointLine", "PointToPoint", "MotionLimits", "load_limits", "Program", "Part",
     "load_program",
     # what results
-    "Plan", "ProgramPlan", "Motion", "Trajectory", "Certificate", "SearchResult", "Retargeted",
+    "Plan", "ProgramPlan", "GroupPlan", "Motion", "Trajectory", "Certificate", "SearchResult", "Retargeted",
     # prove, store, send
     "certify", "save", "load_motion", "load_trajectory", "to_ros",
     # while the arm moves

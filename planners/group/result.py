@@ -45,6 +45,8 @@ class GroupPlan:
         judged in the arm's own base.
     paths : mapping of str to Path
         The paths of members that follow one in the world: those that carry a piece.
+    given : mapping of str to Motion, optional
+        The motions of the members, if they were given (`planners.combine`).
     """
 
     group: Group
@@ -54,6 +56,7 @@ class GroupPlan:
     scene: Scene | None
     view: Plan
     paths: Mapping[str, Path]
+    given: Mapping[str, Motion] | None = None
 
     def __bool__(self) -> bool:
         return bool(self.view) and all(motion.certificate.is_valid for motion in self._along.values())
@@ -109,7 +112,7 @@ class GroupPlan:
     @cached_property
     def members(self) -> dict[str, Motion]:
         """The motion of each member with its limits and the scene, along its joints or its path; `NoSolution` if there is none."""
-        return {name: self._make_motion(name) for name in self.group.members}
+        return dict(self.given) if self.given else {name: self._make_motion(name) for name in self.group.members}
 
     @property
     def _along(self) -> dict[str, Motion]:
