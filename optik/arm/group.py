@@ -31,7 +31,7 @@ from optik.arm.limits import ByContent, JointLimits
 from optik.arm.plain import read_pose, read_record, read_word
 from optik.arm.robot import Robot
 from optik.card import Card
-from optik.check import locate_error, real_array
+from optik.check import check_number, locate_error, real_array
 from optik.errors import InvalidInput
 from optik.file_io import decode_text, parse_toml, read_bytes
 from optik.plugins.files import is_path
@@ -233,6 +233,42 @@ class Group(ByContent):
         """
         own = self.columns(tool)
         return own if frame == WORLD else np.concatenate([self.columns(frame)[::-1], own])
+
+    def with_payload(
+        self, mass: float, com: ArrayLike = (0.0, 0.0, 0.0), inertia: ArrayLike | None = None, *,
+        fraction: tuple[float, float] = (0.4, 0.6),
+    ) -> Group:  # fmt: skip
+        """Return the group of two members that carry a body together: the first a part of its mass, the second the other part.
+
+        Parameters
+        ----------
+        mass : float
+            Mass of the body [kg].
+        com : (3,) array, optional
+            Its centre of mass in the frame of both tools [m].
+        inertia : (3, 3) array, optional
+            Its inertia about the centre of mass [kg·m²]; by default a point mass.
+        fraction : (2,) tuple of float
+            Smallest and largest part of the mass that the first member carries. Forces by which both press on the body are not
+            counted.
+
+        Returns
+        -------
+        Group
+
+        Raises
+        ------
+        InvalidInput
+            Not two members, or fractions that are not in order between 0 and 1.
+        """
+        low, high = (check_number(one, "fraction", "numbers from 0 to 1", least=0.0) for one in fraction)
+        if len(self.members) != 2 or not low <= high <= 1.0:
+            raise InvalidInput("fraction", repr(fraction)[:60], "(smallest, largest) between 0 and 1, for two members")
+        parts, whole = ((low, high), (1.0 - high, 1.0 - low)), None if inertia is None else np.asarray(inertia)
+        return Group({
+            name: robot.with_payload((a * mass, b * mass), com, None if whole is None else b * whole)
+            for (name, robot), (a, b) in zip(self.members.items(), parts, strict=True)
+        })  # fmt: skip
 
     def _check(self, name: str, argument: str, *others: str) -> None:
         """Raise InvalidInput for a name that is not that of a member."""

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from optik.arm.plain import read_numbers, read_record
 from optik.arm.robot import Robot
 from optik.types import Array
 from planners.limits.base import Limit
@@ -71,6 +72,20 @@ class MemberLimit(Limit):
     def array(self, value: Any, n: int) -> Any:
         """Return the value."""
         return value
+
+    def to_plain(self, value: MemberValue) -> Any:  # type: ignore[override]
+        """Return plain data with the member, its joints and its limit."""
+        robot, columns = value.robot.to_dict(), list(value.columns)
+        return {"robot": robot, "columns": columns, "value": self.kind.to_plain(value.value)}
+
+    def from_plain(self, data: Any, n: int) -> Any:
+        """Return the value from plain data."""
+        data = read_record(data, ("robot", "columns", "value"), f"limits.{self.name}")
+        robot, columns = (
+            Robot.from_dict(data["robot"]),
+            read_numbers(data["columns"], (len(data["columns"]),), "columns"),
+        )
+        return MemberValue(robot, tuple(int(k) for k in columns), self.kind.from_plain(data["value"], robot.n))
 
     def scaled(self, value: MemberValue, factor: float) -> MemberValue:
         """Return a limit multiplied by a factor."""

@@ -24,6 +24,7 @@ from planners.limits.kinds import (
     LOADED,
     TOOL_SPEEDS,
     inside_ends,
+    is_of_member,
     kind_of,
     limit_at,
     limit_names,
@@ -347,7 +348,7 @@ class MotionLimits(ByContent):
             Missing or unknown names, or data that are not a limit.
         """
         extra = (
-            tuple(key for key in data if key not in ALL_LIMITS and key in limit_names())
+            tuple(key for key in data if key not in ALL_LIMITS and (key in limit_names() or is_of_member(key)))
             if isinstance(data, dict)
             else ()
         )
