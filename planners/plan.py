@@ -91,8 +91,8 @@ def plan(
     Returns
     -------
     Plan
-        On failure with a `Plan.failure`: path parameter, reason and advice. A `ProgramPlan` for a `Program`, a `GroupPlan` for a
-        group.
+        On failure with a `Plan.failure`: path parameter, reason and advice. For a `Program` a `ProgramPlan`, for a group a
+        `GroupPlan`.
 
     Raises
     ------

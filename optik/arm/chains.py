@@ -44,7 +44,7 @@ def join_chains(first: Arm, second: Arm, names: tuple[str, str]) -> Arm:
             _place(arm.shapes, place, f"{name}/")
             for arm, place, name in zip((first, second), (behind, ahead), names, strict=True)
         ]
-        shapes = _join_shapes(each, [0, 1])
+        shapes = _join_shapes(each, several=True)
     orders = [np.arange(first.n)[::-1], np.arange(second.n)]
     joints = [
         f"{name}/{arm.joint_names[i]}"
@@ -53,7 +53,8 @@ def join_chains(first: Arm, second: Arm, names: tuple[str, str]) -> Arm:
     ]
     return replace(
         second, name=f"{names[1]} in {names[0]}", fixed=fixed, shapes=shapes, inertia=None, payload=None, source="",
-        **_join_joints((first, second), orders, [f"{name}/" for name in names], joints), gravity=np.array([0.0, 0.0, -1.0]), gravity_magnitude=0.0,
+        **_join_joints((first, second), orders, [f"{name}/" for name in names], joints),
+        gravity=np.array([0.0, 0.0, -1.0]), gravity_magnitude=0.0,
     )  # fmt: skip
 
 
@@ -71,7 +72,7 @@ def mount_arm(below: Arm, arm: Arm) -> Arm:
         clash = set(below.shapes.names) & set(arm.shapes.names)
         places = [(N, below.tool), *((N + k, np.eye(4)) for k in range(1, len(arm.fixed) + 1))]
         own = _place(below.shapes, [(k, np.eye(4)) for k in range(N + 1)], f"{names[0]}/" if clash else "")
-        shapes = _join_shapes([own, _place(arm.shapes, places, f"{names[1]}/" if clash else "")], [])
+        shapes = _join_shapes([own, _place(arm.shapes, places, f"{names[1]}/" if clash else "")], several=False)
     if below.inertia is not None and arm.inertia is not None:
         values = [
             [getattr(one.inertia, key) for one in (below, arm)]
@@ -103,15 +104,15 @@ def _place(shapes: Shapes, places: Sequence[Place], prefix: str) -> Shapes:
     )
 
 
-def _join_shapes(each: Sequence[Shapes], mechanisms: Sequence[int]) -> Shapes:
-    """Return the shapes of two parts of a chain, which are mechanisms if they are numbered."""
+def _join_shapes(each: Sequence[Shapes], *, several: bool) -> Shapes:
+    """Return the shapes of two parts of a chain, which are one mechanism or several."""
     columns = zip(*(one.capsules for one in each), strict=True)
     hulls = [one.hulls or ((),) * one.m for one in each]
     return Shapes(
         tuple(map(np.concatenate, columns)), sum((one.names for one in each), ()), sum((one.apart for one in each), ()),
         np.concatenate([one.excess for one in each]), "; ".join(dict.fromkeys(one.source for one in each if one.source)),
         sum((one.unread for one in each), ()), sum(hulls, ()) if any(one.hulls for one in each) else (),
-        tuple(k for k, one in zip(mechanisms, each, strict=True) for _ in range(one.m)),
+        tuple(k for k, one in enumerate(each) for _ in range(one.m)) if several else (),
     )  # fmt: skip
 
 

@@ -462,7 +462,7 @@ SAME_SIDES = 1e-9
 def _compare_ends(
     nearest: Nearest, ends: Instants, guess: Array, trajectory: Trajectory
 ) -> tuple[ComparedInstants, Array]:
-    """Return what `compare_with_path` does for the instants at which intervals begin and end, from guesses (k + 1,) between them."""
+    """Compare a motion with its path where intervals begin and end, from guesses (k + 1,) between them."""
     left = np.arange(guess.size - 1)
     both = np.concatenate([left, left + 1])
     if any(np.abs(trajectory.jumps(order)).max(initial=0.0) > SAME_SIDES for order in (0, 1)):

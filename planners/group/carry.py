@@ -32,8 +32,8 @@ CHECKED = 60
 def find_derivatives(robot: Robot, path: Path, joints: JointPath, s: Array) -> tuple[Array, Array]:
     """Return configurations on a path (k, n) and their first three derivatives (k, 3, n) at positions, near a joint path.
 
-    At nodes of the joint path they are its own. Elsewhere the spline's are corrected onto the path, from the first to the third:
-    J δq⁽ᵐ⁾ is what the tool lacks of the path's derivative. Of a redundant arm this keeps the spline's null-space motion.
+    At nodes of the joint path they are its own. Elsewhere those of the spline are corrected onto the path, one order after the
+    other: J δq⁽ᵐ⁾ is what the tool lacks of the path's derivative. This keeps the null-space motion of a redundant arm.
     """
     place = np.clip(np.searchsorted(joints.nodes, s), 0, len(joints.nodes) - 1)
     same = joints.nodes[place] == s
@@ -72,7 +72,7 @@ def follow_together(
     solvers: Sequence[IKSolver], path: Path, chain: Robot, scene: Scene | None, follow: Follow,
     starts: Sequence[Array | None],
 ) -> Iterator[JointPath | FollowResult]:  # fmt: skip
-    """Yield joint paths of the chain for pairs of branches of both arms, the pair with the least cost first; or why there is none.
+    """Yield joint paths of the chain for pairs of branches of both arms, that with the least cost first; or why there is none.
 
     Without a scene it is the pair that each arm alone would choose.
     """

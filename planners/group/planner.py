@@ -81,7 +81,7 @@ def _check_carriers(group: Group, carriers: Sequence[Any], frame: str | None) ->
 def _carry(
     chain: Robot, arms: Sequence[Robot], path: Any, starts: Sequence[Array | None], options: PlanOptions
 ) -> Plan:
-    """Return the plan of the chain through two arms that carry a piece along a path: of the first pair of branches that solves it."""
+    """Return the plan of the chain through two arms that carry a piece, of the first pair of branches that solves it."""
     if not isinstance(path, Path) or path.in_joints or path.asked != "pose":
         raise InvalidInput("path", repr(path)[:60], "a path of the piece with all six coordinates")
     law, seconds = make_law(options.timing), read_time_limit(options.resolve, options.time_limit)

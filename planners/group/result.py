@@ -111,7 +111,7 @@ class GroupPlan:
 
     @cached_property
     def members(self) -> dict[str, Motion]:
-        """The motion of each member with its limits and the scene, along its joints or its path; `NoSolution` if there is none."""
+        """The motion of each member with its limits and the scene; raises `NoSolution` if there is no motion."""
         return dict(self.given) if self.given else {name: self._make_motion(name) for name in self.group.members}
 
     @property
