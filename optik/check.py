@@ -33,6 +33,14 @@ def real_array(value: Any, argument: str, expected: str, shape: tuple[Any, ...] 
     return array  # type: ignore[no-any-return]
 
 
+def finite_array(value: Any, argument: str, expected: str, shape: tuple[Any, ...] = (...,)) -> Array:
+    """Check that a value is an array of finite numbers; return it as `real_array` does."""
+    array = real_array(value, argument, expected, shape)
+    if not np.isfinite(array).all():
+        raise InvalidInput(argument, "NaN or infinity in it", expected)
+    return array
+
+
 def format_value(value: Any, most: int = 80) -> str:
     """Return a value as one short line, for errors."""
     return " ".join(repr(value).split())[:most]
@@ -73,6 +81,19 @@ def check_count(value: Any, argument: str, least: int, most: int | None = None) 
         raise InvalidInput(argument, repr(value)[:60], expected)
 
 
+def check_kind(value: Any, argument: str, kind: Any, expected: str = "") -> None:
+    """Raise InvalidInput unless a value is an instance of a class, or of one of several."""
+    if not isinstance(value, kind):
+        raise InvalidInput(argument, format_value(value, 60), expected or f"a {kind.__name__}")
+
+
+def check_choice(value: Any, argument: str, known: Iterable[str]) -> str:
+    """Check that a value is one of some words, and return it."""
+    if not isinstance(value, str) or value not in known:
+        raise InvalidInput(argument, format_value(value, 60), " or ".join(f'"{word}"' for word in known))
+    return value
+
+
 def check_flag(value: Any, argument: str) -> bool:
     """Check that a value is True, False, 1 or 0; return it as bool."""
     if not isinstance(value, bool | np.bool_ | int | np.integer) or value not in (0, 1):
@@ -91,6 +112,5 @@ def check_words(value: Any, argument: str) -> tuple[str, ...]:
         raise InvalidInput(argument, repr(value)[:60], "a list of strings")
     words = tuple(np.atleast_1d(value).tolist()) if isinstance(value, np.ndarray) else tuple(value)
     for word in words:
-        if not isinstance(word, str):
-            raise InvalidInput(argument, repr(word)[:60], "strings")
+        check_kind(word, argument, str, "strings")
     return words

@@ -122,7 +122,7 @@ def derivatives_at(
     n, d = q.shape[0], rows.shape[1]
     frame, T, J = workspace(chain, n)
     A, beta, order = np.empty((6 + d, n)), np.empty(n), np.empty(n, np.int64)
-    e, made = np.empty(6 + d), np.empty((3, 6))
+    e, known = np.empty(6 + d), np.empty((3, 6))
     forward(chain, q, frame, T)
     jacobian_from(chain, frame, T, J)
     _stack(J, rows[0], A)
@@ -139,9 +139,9 @@ def derivatives_at(
         return rank, singular
     for k in range(3):
         if k > 0:
-            tool_motion(chain, frame, T, q, dq, made)
+            tool_motion(chain, frame, T, q, dq, known)
         for i in range(6):
-            e[i] = twists[k, i] - (made[k, i] if k > 0 else 0.0)
+            e[i] = twists[k, i] - (known[k, i] if k > 0 else 0.0)
         _leibniz(k, rows, values, q, dq, e[6:])
         qr_solve(A, beta, order, e, dq[k])
     return rank, singular

@@ -15,22 +15,10 @@ from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from optik.check import check_kind
 from optik.errors import InvalidInput, MissingDependency, UnknownName
-from optik.plugins.files import (
-    MODULES,
-    SUFFIXES,
-    UsedPlugin,
-    defaults,
-    find_nearest_name,
-    import_file,
-    in_finished_run,
-    is_path,
-    name_method,
-    note,
-    resolve_file,
-    split_links,
-    suggest_file,
-)
+from optik.plugins import files
+from optik.plugins.files import UsedPlugin
 
 GROUPS = (
     "optik.ik",
@@ -103,17 +91,17 @@ def find_refused(group: str) -> tuple[RefusedEntryPoint, ...]:
 
 def check_name(group: str, name: Any, kind: str) -> str:
     """Check a name without running code; return it, a path as an absolute one."""
-    if in_finished_run() and isinstance(name, str | os.PathLike):
+    if files.in_finished_run() and isinstance(name, str | os.PathLike):
         return str(os.fspath(name))  # its file may be gone, its package not installed
-    if is_path(name):
+    if files.is_path(name):
         text = str(os.fspath(name))
-        file = resolve_file(text, kind)
+        file = files.resolve_file(text, kind)
         _check_stem(group, file, kind)
-        note(UsedPlugin(group, file.stem, file))
-        return f"{file}{text[len(split_links(text)[0]) :]}"
+        files.note(UsedPlugin(group, file.stem, file))
+        return f"{file}{text[len(files.split_links(text)[0]) :]}"
     point = _entry_point(group, name, kind)
     if point is not None:
-        note(UsedPlugin(group, name, point))
+        files.note(UsedPlugin(group, name, point))
     return str(name)
 
 
@@ -128,9 +116,9 @@ def short_name(name: Any) -> str:
     if not isinstance(name, str | os.PathLike):
         return str(name.name)
     text = os.fspath(name)
-    if not is_path(name):
+    if not files.is_path(name):
         return text
-    file, links = split_links(text)
+    file, links = files.split_links(text)
     words = links.replace("=", " ").replace("&", ", ")
     own = Path(file).stem in own_names("optik.robots")  # the suffix tells a vendor's ur5e.urdf from our ur5e
     short = Path(file).name if own else Path(file).stem
@@ -142,7 +130,7 @@ def find_loaded(group: str, name: str) -> Any | None:
 
     Files of motions and runs contain names of methods; reading them must not run code of their choice.
     """
-    if not isinstance(name, str) or is_path(name):
+    if not isinstance(name, str) or files.is_path(name):
         return None
     if name in own_names(group) or name in find_installed(group):
         return load_method(group, name)
@@ -155,17 +143,16 @@ def find_loaded(group: str, name: str) -> Any | None:
 
 def data_file(group: str, name: str | os.PathLike[str], kind: str) -> Path:
     """Return the path of a data file: built in, of an entry point, or the given path."""
-    if is_path(name):
-        file = resolve_file(name, kind)
+    if files.is_path(name):
+        file = files.resolve_file(name, kind)
         _check_stem(group, file, kind)
         return file
     point = _entry_point(group, name, kind)
     if point is None:
         return _folder(group) / f"{name}.toml"
     value = _value(point, kind)
-    if not isinstance(value, str | os.PathLike):
-        raise InvalidInput(_where(point), repr(value)[:60], "the path of a file")
-    return resolve_file(Path(value).absolute(), kind)
+    check_kind(value, _where(point), str | os.PathLike, "the path of a file")
+    return files.resolve_file(Path(value).absolute(), kind)
 
 
 def load_method(group: str, name: str | os.PathLike[str] | type, kind: str = "method") -> Any:
@@ -173,8 +160,8 @@ def load_method(group: str, name: str | os.PathLike[str] | type, kind: str = "me
     if isinstance(name, type):
         where = f"class {name.__name__}"
         return _check_method(group, name, str(getattr(name, "name", name.__name__)), where)
-    if is_path(name):
-        return _from_file(group, resolve_file(name, kind), kind)
+    if files.is_path(name):
+        return _from_file(group, files.resolve_file(name, kind), kind)
     point = _entry_point(group, name, kind)
     if point is not None:
         method = _check_method(group, _value(point, kind), str(name), _where(point))
@@ -182,7 +169,7 @@ def load_method(group: str, name: str | os.PathLike[str] | type, kind: str = "me
         return method
     with _name_dependency(kind, str(name)):
         module = importlib.import_module(f"{group}.{name}")
-    return name_method(module.METHOD, module.__name__, str(name))
+    return files.name_method(module.METHOD, module.__name__, str(name))
 
 
 def build_method(group: str, name: str | os.PathLike[str] | type, kind: str, *arguments: Any, **options: Any) -> Any:
@@ -194,9 +181,9 @@ def build_method(group: str, name: str | os.PathLike[str] | type, kind: str, *ar
         wrong = re.search(r"(got an unexpected keyword|missing \d+ required|takes no argument).*", str(error))
         if wrong is None:
             raise
-        given, known = ", ".join(options) or "none", defaults(method)
+        given, known = ", ".join(options) or "none", files.defaults(method)
         expected = f"options of the {kind} {short_name(name)!r}"
-        meant = [near for option in options if option not in known and (near := find_nearest_name(option, known))]
+        meant = [near for option in options if option not in known and (near := files.find_nearest_name(option, known))]
         expected += f", such as {', '.join(meant)}" if meant else ""
         raise InvalidInput("options", f"{given} ({wrong[0]})", expected) from None
 
@@ -261,7 +248,7 @@ def _entry_point(group: str, name: Any, kind: str) -> EntryPoint | None:
         return None
     points = entry_points(group).get(name, ())
     if not points:
-        file = suggest_file(name, SUFFIXES if group in _DATA_GROUPS else (".py",))
+        file = files.suggest_file(name, files.SUFFIXES if group in _DATA_GROUPS else (".py",))
         raise UnknownName(kind, name, names(group), f"for a file write ./{file}" if file else "")
     reason = _reason(group, name, len(points))
     if reason:
@@ -276,7 +263,7 @@ def _reason(group: str, name: str, count: int) -> str:
         return f"it has the name of one of ours, {group}.{name}, which cannot be replaced"
     if count > 1:
         return f"{count} packages register it"
-    return "it means a path" if is_path(name) else ""
+    return "it means a path" if files.is_path(name) else ""
 
 
 def _value(point: EntryPoint, kind: str) -> Any:
@@ -316,7 +303,7 @@ def _from_file(group: str, file: Path, kind: str) -> Any:
     if file.suffix.lower() != ".py":
         raise InvalidInput(kind, repr(str(file)), "a Python file (.py)")
     with _name_dependency(kind, file.stem):
-        module = import_file(file)
+        module = files.import_file(file)
     if not hasattr(module, "METHOD"):
         raise InvalidInput(str(file), "no METHOD", f"a line METHOD = …, {_describe_base(_find_base(group))}")
     method = _check_method(group, module.METHOD, file.stem, f"METHOD of {file}")
@@ -349,8 +336,8 @@ def _check_method(group: str, method: Any, name: str, where: str) -> Any:
             raise InvalidInput(where, repr(method)[:60], _describe_base(base))
         return method
     if isinstance(method, base):
-        found = type(method).__name__
-        raise InvalidInput(where, f"an object of the class {found}", f"the class, METHOD = {found}")
+        kind_name = type(method).__name__
+        raise InvalidInput(where, f"an object of the class {kind_name}", f"the class, METHOD = {kind_name}")
     if not (isinstance(method, type) and issubclass(method, base)):
         raise InvalidInput(where, repr(method)[:60], _describe_base(base))
     kind: Any = method
@@ -372,7 +359,7 @@ def _name_dependency(kind: str, name: str) -> Iterator[None]:
         yield
     except ModuleNotFoundError as error:
         package = (error.name or "").partition(".")[0]
-        if not package or package in _OURS or package.startswith(MODULES):
+        if not package or package in _OURS or package.startswith(files.MODULES):
             raise
         raise MissingDependency(package, f"{kind} {name!r}", _extra_with(package)) from error
 

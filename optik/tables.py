@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from optik.check import check_words
+from optik.check import check_kind, check_words
 from optik.errors import AssumptionWarning, InvalidInput
 from optik.file_io import decode_text, read_bytes
 from optik.types import Array
@@ -125,8 +125,7 @@ class TextTable(NamedTuple):
 
 def read_table(file: str | os.PathLike[str], columns: Names = None, ignore: Names = None) -> TextTable:
     """Read a table; `columns` names the columns of a file without a header, or renames them; `ignore` leaves some out."""
-    if not isinstance(file, str | os.PathLike):
-        raise InvalidInput("file", repr(file)[:60], "the path of a CSV file")
+    check_kind(file, "file", str | os.PathLike, "the path of a CSV file")
     name, left, lines = str(file), read_names(ignore, "ignore"), list[tuple[int, str]]()
     text = decode_text(read_bytes(Path(file), most=MOST_TABLE_BYTES), name).removeprefix("\ufeff")
     for number, line in enumerate(io.StringIO(text, newline=None), start=1):

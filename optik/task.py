@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from optik.check import real_array
+from optik.check import check_choice, real_array
 from optik.compiled import compiled, inlined
 from optik.errors import InvalidInput
 from optik.kinematics import Chain, Range, forward, jacobian_from, squares, workspace
@@ -67,8 +67,7 @@ class Task:
         flags = tuple(given) if isinstance(given, Sequence | np.ndarray) and not isinstance(given, str) else ()
         if len(flags) != 6 or any(isinstance(f, str) or f not in (0, 1) for f in flags) or not any(flags):
             raise InvalidInput("task", repr(given)[:60], "six flags (x, y, z, rx, ry, rz), at least one of them true")
-        if self.frame not in TASK_FRAMES:
-            raise InvalidInput("task.frame", repr(self.frame)[:60], " or ".join(TASK_FRAMES))
+        check_choice(self.frame, "task.frame", TASK_FRAMES)
         object.__setattr__(self, "mask", tuple(bool(f) for f in flags))
         sides = real_array(self.box, "task.box", "a number ≥ 0, or six (x, y, z, rx, ry, rz)")
         if sides.shape not in ((), (6,)) or not (np.isfinite(sides) & (sides >= 0.0)).all():

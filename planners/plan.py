@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from optik.arm.group import Group
 from optik.arm.robot import Robot
-from optik.check import check_count
+from optik.check import check_choice, check_count
 from optik.errors import InvalidInput, NoSolution
 from optik.ik import SolverLike, get_solver
 from optik.ik.base import Tolerance, ToleranceLike
@@ -26,7 +26,7 @@ from planners.group.result import GroupPlan
 from planners.limits import MotionLimits, check_path
 from planners.motion import PlanStatus
 from planners.paths.base import Path
-from planners.paths.goal import check_winding, path_to
+from planners.paths.goal import WINDINGS, path_to
 from planners.planning.planner import PlanOptions, PlanRequest
 from planners.planning.result import Plan, PlanSeconds
 from planners.program.parts import Program
@@ -156,7 +156,7 @@ def _build_request(
 ) -> PlanRequest:
     """Return the request, with defaults filled in, after checking that the arguments are consistent."""
     law, limits = make_law(options.timing), options.limits
-    avoid, winding, unreachable = check_avoid(options.avoid), check_winding(options.winding), None
+    avoid, winding, unreachable = check_avoid(options.avoid), check_choice(options.winding, "winding", WINDINGS), None
     winding = "exact" if isinstance(path, Path) else winding
     if avoid is not False:
         try:

@@ -11,7 +11,7 @@ import numpy as np
 from optik import se3
 from optik.arm.linkage import Linkage
 from optik.arm.urdf_tree import Joint, Tree, join_names, read_number
-from optik.check import check_number
+from optik.check import check_kind, check_number
 from optik.errors import InvalidInput, RobotModelError
 from optik.types import Array
 
@@ -100,8 +100,7 @@ def hold_joints(tree: Tree, chain: list[Joint], values: Mapping[str, float] | No
     """Return the tree with joints beside the chain held at values [rad, m], and with them all that follow them."""
     if values is None:
         return tree
-    if not isinstance(values, Mapping):
-        raise InvalidInput("values", repr(values)[:60], '{joint: value}, such as {"gripper": 0.3}')
+    check_kind(values, "values", Mapping, '{joint: value}, such as {"gripper": 0.3}')
     joints, on_chain = {joint.name: joint for joint in tree.above.values()}, {joint.name for joint in chain}
     held = {name: _check_value(tree, joints, on_chain, (name, value)) for name, value in values.items()}
     above = dict(tree.above)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optik.arm.limits import ByContent, freeze, replace_fields
-from optik.check import check_number, real_array
+from optik.check import check_kind, check_number, real_array
 from optik.errors import InvalidInput
 from optik.types import Array
 
@@ -154,8 +154,7 @@ class Inertia(ByContent):
     source: str = ""
 
     def __post_init__(self) -> None:
-        if not isinstance(self.source, str):
-            raise InvalidInput("inertia.source", repr(self.source)[:60], "a string")
+        check_kind(self.source, "inertia.source", str, "a string")
         mass = real_array(self.mass, "inertia.mass", "masses, one for each link")
         if mass.ndim != 1 or mass.size == 0:
             raise InvalidInput("inertia.mass", f"shape {mass.shape}", "masses (n,), one for each link")

@@ -62,7 +62,6 @@ the tool.
 from __future__ import annotations
 
 import importlib
-import json
 import os
 import re
 from collections.abc import Mapping, Sequence
@@ -75,14 +74,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optik.arm.inertia import STANDARD_GRAVITY, Inertia
-from optik.arm.limits import DYNAMIC_LIMITS, JointLimits, VelocityByPosition, warn_of_degrees
-from optik.arm.plain import read_list, read_pose, read_record, read_vector, read_word
+from optik.arm.limits import DYNAMIC_LIMITS, JointLimits, VelocityByPosition, check_positive, warn_of_degrees
+from optik.arm.plain import read_list, read_numbers, read_pose, read_record, read_vector, read_word
 from optik.arm.robot import DHRow, Robot
 from optik.arm.shapes import Shapes
 from optik.arm.shapes.urdf import Folders, MeshFolders, find_package
-from optik.check import check_count, check_flag, check_number, check_words, format_value, locate_error
+from optik.check import check_choice, check_count, check_flag, check_number, check_words, format_value, locate_error
 from optik.errors import InvalidInput, MissingDependency
-from optik.file_io import decode_text, parse_toml, read_bytes
+from optik.file_io import decode_text, parse_json, parse_toml, read_bytes
 from optik.plugins.files import check_code_allowed, is_path, resolve_file, split_links
 from optik.registry import data_file, load_method, own_names
 from optik.types import Array
@@ -334,12 +333,7 @@ def _from_file(path: str, links: dict[str, Any], name: str | None = None) -> Rob
     if suffix == ".py":
         return _resolve_robot(load_method(ROBOTS, path, "robot"), f"METHOD of {path}", file.stem)
     if suffix == ".json":
-        try:
-            return Robot.from_dict(json.loads(file.read_text(encoding="utf-8")))
-        except (OSError, ValueError, RecursionError) as error:
-            if isinstance(error, InvalidInput):
-                raise
-            raise InvalidInput(f"robot {path!r}", str(error)[:120], "JSON of Robot.to_dict()") from None
+        return Robot.from_dict(parse_json(decode_text(read_bytes(file)), f"robot {path!r}"))
     if suffix != ".toml":
         raise InvalidInput("robot", repr(path), "a file that ends in .toml, .urdf, .xacro, .json or .py")
     return robot_from_toml(file, name)
@@ -389,7 +383,7 @@ def _read_toml(file: Path) -> dict[str, Any]:
 
 def _robot(data: dict[str, Any], file: Path, name: str) -> Robot:
     read_record(data, REQUIRED_KEYS, "the file", optional=OPTIONAL_KEYS)
-    convention = _check_choice(data["convention"], "convention", tuple(CONVENTIONS))
+    convention = check_choice(data["convention"], "convention", CONVENTIONS)
     joints = data["joints"]
     if not isinstance(joints, list) or not joints:
         raise InvalidInput("joints", repr(joints)[:60], "a list of rows, one for each joint")
@@ -430,7 +424,7 @@ def _robot(data: dict[str, Any], file: Path, name: str) -> Robot:
 
 
 def _row(joint: Mapping[str, Any], where: str) -> DHRow:
-    kind = _check_choice(joint.get("type", "revolute"), f"{where}.type", ("revolute", "prismatic"))
+    kind = check_choice(joint.get("type", "revolute"), f"{where}.type", ("revolute", "prismatic"))
 
     def number(key: str) -> float:
         return check_number(joint.get(key, 0.0), f"{where}.{key}", "a finite number")
@@ -470,7 +464,7 @@ def _limits(joints: Sequence[Mapping[str, Any]], dynamic: Any) -> JointLimits:
     dynamic = dict(read_record(dynamic, (), "dynamic_limits", optional=(*DYNAMIC_LIMITS, "velocity_by_position")))
     n, by_position = len(joints), dynamic.pop("velocity_by_position", None)
     ranges = np.array([_range(joint, f"joints[{i}]") for i, joint in enumerate(joints)])
-    limits: dict[str, Any] = {key: _check_positive(value, f"dynamic_limits.{key}", n) for key, value in dynamic.items()}
+    limits: dict[str, Any] = {key: check_positive(value, n, f"dynamic_limits.{key}") for key, value in dynamic.items()}
     if any(key in joint for joint in joints for key in SPEEDS):
         if "velocity" in limits:
             expected = "velocities either in the rows or in dynamic_limits"
@@ -486,14 +480,7 @@ def _limits(joints: Sequence[Mapping[str, Any]], dynamic: Any) -> JointLimits:
 def _range(joint: Mapping[str, Any], where: str) -> Array:
     """Read the position limits (2,) of a row [rad, m]."""
     key = _find_key(joint, where, RANGES)
-    values = read_list(joint[key], f"{where}.{key}", "two numbers, lower and upper", 2)
-    for value in values:
-        if isinstance(value, bool) or not isinstance(value, int | float) or value != value:
-            raise InvalidInput(f"{where}.{key}", repr(value)[:60], "numbers (±inf for a joint without limits)")
-    try:
-        return np.array(values, dtype=np.float64) * RANGES[key]
-    except OverflowError:
-        raise InvalidInput(f"{where}.{key}", repr(values)[:60], "numbers that a float can hold") from None
+    return read_numbers(joint[key], (2,), f"{where}.{key}") * RANGES[key]
 
 
 def _speed(joint: Mapping[str, Any], where: str) -> float:
@@ -556,19 +543,3 @@ def _apart(row: Any, where: str, links: Mapping[str, int], names: Sequence[str])
 
 def _length(value: Any, where: str) -> float:
     return check_number(value, where, "a length ≥ 0 in millimetres", least=0.0) / 1000.0
-
-
-def _check_choice(value: Any, where: str, known: tuple[str, ...]) -> str:
-    if not isinstance(value, str) or value not in known:
-        raise InvalidInput(where, repr(value)[:60], " or ".join(f'"{name}"' for name in known))
-    return value
-
-
-def _check_positive(value: Any, where: str, n: int) -> ArrayLike:
-    """Check a limit: one number for all joints, or one for each."""
-    expected = f"a number above 0, or {n} of them"
-    values = value if isinstance(value, list) else [value]
-    if isinstance(value, list) and len(value) != n:
-        raise InvalidInput(where, f"{len(value)} numbers", expected)
-    checked = [check_number(one, where, expected, above=0.0) for one in values]
-    return checked if isinstance(value, list) else checked[0]

@@ -18,7 +18,7 @@ from optik.arm.limits import JointLimits, freeze
 from optik.arm.linkage import Linkage
 from optik.arm.motors import Motors, couple, find_outside, maker_joints, with_motors
 from optik.arm.shapes.model import PAYLOAD, Shapes
-from optik.check import check_flag, check_number, check_words, format_value, real_array
+from optik.check import check_flag, check_kind, check_number, check_words, format_value, real_array
 from optik.errors import AssumptionWarning, InvalidInput, RobotModelError
 from optik.kinematics import Chain
 from optik.types import Array, Flags
@@ -48,10 +48,8 @@ class ArmModel:
 
     def __post_init__(self) -> None:
         for field in ("name", "source"):
-            if not isinstance(getattr(self, field), str):
-                raise InvalidInput(field, repr(getattr(self, field))[:60], "a string")
-        if not isinstance(self.limits, JointLimits):
-            raise InvalidInput("limits", repr(self.limits)[:60], "JointLimits(lower, upper)")
+            check_kind(getattr(self, field), field, str, "a string")
+        check_kind(self.limits, "limits", JointLimits, "JointLimits(lower, upper)")
         fixed = _check_fixed(self.name, self.fixed)
         links, n = len(fixed), len(fixed)
         if self.linkage is not None:
@@ -92,19 +90,14 @@ class ArmModel:
             digest.update(array.tobytes())
         for limit in (lim.velocity, lim.acceleration, lim.jerk):
             digest.update(b"-" if limit is None else limit.tobytes())
-        later = {  # only where known, so that fingerprints of arms without them do not change
-            "torque": None if lim.torque is None else lim.torque.tobytes(),
-            "torque_rate": None if lim.torque_rate is None else lim.torque_rate.tobytes(),
-            "deceleration": None if lim.deceleration is None else lim.deceleration.tobytes(),
-            "velocity_by_position": None if lim.velocity_by_position is None else lim.velocity_by_position.content,
-            "gravity": None if self.gravity_magnitude == STANDARD_GRAVITY else repr(self.gravity_magnitude).encode(),
-            "inertia": None if self.inertia is None else self.inertia.content,
-            "payload": None if self.payload is None else self.payload.content,
-            "motors": None if self.motors is None else self.motors.content,
-            "linkage": None if self.linkage is None else self.linkage.content,
-        }
+        # Only what is known, so that fingerprints of arms without it do not change.
+        later: dict[str, Any] = {name: getattr(lim, name) for name in ("torque", "torque_rate", "deceleration")}
+        gravity = None if self.gravity_magnitude == STANDARD_GRAVITY else repr(self.gravity_magnitude).encode()
+        later |= {"velocity_by_position": lim.velocity_by_position, "gravity": gravity}
+        later |= {name: getattr(self, name) for name in ("inertia", "payload", "motors", "linkage")}
         for name, part in later.items():
             if part is not None:
+                part = part.tobytes() if isinstance(part, np.ndarray) else getattr(part, "content", part)
                 digest.update(name.encode() + part)
         if self.shapes is not None:
             digest.update(self.shapes.content)
@@ -203,8 +196,7 @@ class ArmModel:
     def with_limits(self, limits: JointLimits | None = None, **fields: ArrayLike | None) -> Self:
         """Return the arm with other limits."""
         new = self.limits if limits is None else limits
-        if not isinstance(new, JointLimits):
-            raise InvalidInput("limits", repr(new)[:60], "JointLimits(lower, upper)")
+        check_kind(new, "limits", JointLimits, "JointLimits(lower, upper)")
         return replace(self, limits=new.replace(**fields) if fields else new)
 
     def with_motors(
@@ -274,10 +266,8 @@ def _check_names(name: str, value: Iterable[str], n: int) -> tuple[str, ...]:
 
 
 def _check_masses(name: str, inertia: Inertia | None, payload: Payload | None, n: int) -> None:
-    if not isinstance(inertia, Inertia | None):
-        raise InvalidInput("inertia", repr(inertia)[:60], "Inertia(mass, com, tensor)")
-    if not isinstance(payload, Payload | None):
-        raise InvalidInput("payload", repr(payload)[:60], "Payload(mass, com, inertia)")
+    check_kind(inertia, "inertia", Inertia | None, "Inertia(mass, com, tensor)")
+    check_kind(payload, "payload", Payload | None, "Payload(mass, com, inertia)")
     if inertia is not None and inertia.mass.size != n:
         raise RobotModelError(name, f"{n} joints but masses of {inertia.mass.size} links")
     if payload is not None and inertia is None:
@@ -287,8 +277,7 @@ def _check_masses(name: str, inertia: Inertia | None, payload: Payload | None, n
 def _check_shapes(name: str, value: Shapes | None, n: int) -> Shapes | None:
     if value is None:
         return None
-    if not isinstance(value, Shapes):
-        raise InvalidInput("shapes", repr(value)[:60], "Shapes(capsules)")
+    check_kind(value, "shapes", Shapes, "Shapes(capsules)")
     if (last := int(value.capsules[0].max(initial=0))) > n:
         raise RobotModelError(name, f"a capsule on link {last}, but the last link is {n}")
     return value

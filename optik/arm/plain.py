@@ -78,7 +78,7 @@ def _number(value: Any, argument: str) -> float:
     if isinstance(value, str) and value in INFINITE:
         return float(INFINITE[value])
     try:
-        if type(value) in (int, float):
+        if type(value) in (int, float) and value == value:
             return float(value)
     except OverflowError:
         pass

@@ -19,7 +19,7 @@ from optik.arm.plain import arm_from_dict, arm_to_dict
 from optik.arm.shapes import Shapes
 from optik.arm.summary import COLUMNS, describe_robot, joint_rows, tool_facts
 from optik.card import Card
-from optik.check import check_flag, real_array
+from optik.check import check_flag, check_kind, real_array
 from optik.errors import InvalidInput, RobotModelError
 from optik.types import Array
 
@@ -55,8 +55,7 @@ def screw_z(angle: float, length: float) -> Array:
 def check_table(rows: Iterable[DHRow | Mapping[str, Any]]) -> list[DHRow]:
     """Check the rows of a table; return them as `DHRow`."""
     table = []
-    if not isinstance(rows, Iterable):
-        raise InvalidInput("rows", repr(rows)[:60], "a list of DHRow or of mappings")
+    check_kind(rows, "rows", Iterable, "a list of DHRow or of mappings")
     for i, row in enumerate(rows):
         try:
             named = row if isinstance(row, DHRow) else DHRow(**row)
@@ -488,8 +487,7 @@ class Robot(ArmDynamics):
         """
         from optik.arm.compare import compare_arms
 
-        if not isinstance(other, Robot):
-            raise InvalidInput("other", repr(other)[:60], "a Robot")
+        check_kind(other, "other", Robot)
         return compare_arms(self, other, position=position, rotation=rotation)
 
 

@@ -14,17 +14,10 @@ from optik.arm.reach import ask_unit, outside_reach, reach_bound
 from optik.arm.robot import Robot
 from optik.check import check_count, check_flag, check_number
 from optik.errors import InvalidInput, Unsupported
+from optik.ik import problem
 from optik.ik._gauss_newton import find_nearest_pose
 from optik.ik.branches import windings
-from optik.ik.problem import (
-    IK_TOLERANCE,
-    STATUS_OF_CODE,
-    Ends,
-    check_batch,
-    check_problem,
-    describe_missing_joints,
-    sample_restart,
-)
+from optik.ik.problem import Ends
 from optik.ik.problem import IKBatch as IKBatch
 from optik.ik.problem import IKResult as IKResult
 from optik.ik.problem import IKStatus as IKStatus
@@ -108,7 +101,7 @@ class IKSolver(ABC):
         self,
         robot: Robot,
         *,
-        tolerance: ToleranceLike = IK_TOLERANCE,
+        tolerance: ToleranceLike = problem.IK_TOLERANCE,
         max_iterations: int = 100,
         max_restarts: int = 0,
         time_limit: float | None = None,
@@ -129,7 +122,7 @@ class IKSolver(ABC):
         if not (self.takes_tasks or self.task.is_pose):
             raise Unsupported("task", str(task), f'"pose", the only one {self.name} can; others: dls, lm, ipopt, sqp')
         self._reach = reach_bound(robot, self.task)
-        self._missing = describe_missing_joints(robot, self.task)
+        self._missing = problem.describe_missing_joints(robot, self.task)
 
     @property
     def options(self) -> dict[str, Any]:
@@ -209,7 +202,7 @@ class IKSolver(ABC):
         trace, closest = check_flag(trace, "trace"), check_flag(closest, "closest")
         if trace and self.max_iterations > MOST_TRACED:
             raise InvalidInput("trace", f"max_iterations={self.max_iterations}", f"at most {MOST_TRACED:,} iterations")
-        target, q0 = check_problem(self.robot, target, q0)
+        target, q0 = problem.check_problem(self.robot, target, q0)
         result = self._solve(target, q0, trace)
         return self._find_closest(result, target, q0) if closest and not result else result
 
@@ -235,7 +228,7 @@ class IKSolver(ABC):
         InvalidInput
             As `solve`, with the index of the first invalid problem.
         """
-        poses, first = check_batch(self.robot, targets, starts)
+        poses, first = problem.check_batch(self.robot, targets, starts)
         if threads is not None:
             check_count(threads, "threads", 1)
         batch = IKBatch.empty(len(poses), self.robot.n)
@@ -246,7 +239,7 @@ class IKSolver(ABC):
         for i, (target, start) in enumerate(zip(targets, starts, strict=True)):
             result = self._solve(target, start, False)
             q, status, *numbers = result[:6]
-            batch.q[i], batch.status[i] = q, STATUS_OF_CODE.index(status)
+            batch.q[i], batch.status[i] = q, problem.STATUS_OF_CODE.index(status)
             batch.iterations[i], batch.restarts[i], batch.position_error[i], batch.rotation_error[i] = numbers
 
     def _solve(self, target: Array, q0: Array, trace: bool) -> IKResult:
@@ -282,7 +275,7 @@ class IKSolver(ABC):
         self, restart: int, target: Array, q0: Array, trace: bool, time_limit: float | None, last: Attempt | None
     ) -> Attempt:  # fmt: skip
         """Run attempt number `restart`; `last` is the previous attempt."""
-        start = q0 if restart == 0 else sample_restart(self.robot, target, q0, restart)
+        start = q0 if restart == 0 else problem.sample_restart(self.robot, target, q0, restart)
         return self.attempt(target, start, trace, time_limit)
 
     def _mark_unreachable(self, result: IKResult, target: Array) -> IKResult:
@@ -306,7 +299,7 @@ class IKSolver(ABC):
 
     def _find_closest(self, result: IKResult, target: Array, q0: Array) -> IKResult:
         """Return a failure with the configuration of the nearest pose, searched from it, from `q0` and from restarts."""
-        starts = [result.q, q0, *(sample_restart(self.robot, target, q0, r) for r in range(1, 9))]
+        starts = [result.q, q0, *(problem.sample_restart(self.robot, target, q0, r) for r in range(1, 9))]
         q = self.robot.limits.clip(find_nearest_pose(self.robot, self.task, target, np.array(starts)))
         position, rotation, _ = self._measure(q, target)
         if position <= self.tolerance.position and rotation <= self.tolerance.rotation:

@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from optik.arm.reach import outside_reach
 from optik.arm.robot import Robot
-from optik.errors import InvalidInput, MissingDependency, Unsupported
+from optik.check import check_choice
+from optik.errors import MissingDependency, Unsupported
 from optik.ik import branches
 from optik.ik.base import Attempt, IKSolver, IKStatus
 from optik.ik.problem import check_start
@@ -280,9 +281,7 @@ class ClosedForm(IKSolver):
 
     def __init__(self, robot: Robot, *, backend: str = "auto", **options: Any) -> None:
         super().__init__(robot, **options)
-        if backend not in BACKENDS:
-            raise InvalidInput("backend", repr(backend)[:60], f"one of: {', '.join(BACKENDS)}")
-        self.backend = backend
+        self.backend = check_choice(backend, "backend", BACKENDS)
         lower, upper = robot.limits.lower, robot.limits.upper
         moving = lower < upper
         self._chain = robot.chain

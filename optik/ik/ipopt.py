@@ -7,17 +7,10 @@ from typing import Any, ClassVar
 import casadi as ca
 
 from optik.arm.robot import Robot
+from optik.check import check_choice, check_kind
 from optik.errors import InvalidInput
-from optik.ik._casadi import (
-    IkAnswer,
-    IkProblem,
-    ProgrammeSolver,
-    SymbolicModel,
-    cost,
-    cost_derivatives,
-    error_components,
-    first_line,
-)
+from optik.ik import _casadi
+from optik.ik._casadi import IkAnswer, IkProblem, ProgrammeSolver, SymbolicModel
 from optik.ik.base import IKStatus
 
 _RETURN_CODES = {
@@ -79,15 +72,10 @@ class IPOPT(ProgrammeSolver):
         enough = self.task.exact <= self.free_joints
         if form is None:
             form = "constraint" if enough else "least_squares"
-        if form not in FORMS:
-            raise InvalidInput("form", repr(form), " or ".join(FORMS))
-        if form == "constraint" and not enough:
+        if check_choice(form, "form", FORMS) == "constraint" and not enough:
             given = f"constraint for {self.free_joints} moving joints and {self.task.exact} components"
             raise InvalidInput("form", given, "least_squares: IPOPT takes no more constraints than moving joints")
-        if not isinstance(solver_options, dict | None):
-            raise InvalidInput(
-                "solver_options", repr(solver_options)[:60], 'a dictionary of IPOPT options, e.g. {"tol": 1e-8}'
-            )
+        check_kind(solver_options, "solver_options", dict | None, 'a dictionary of IPOPT options, e.g. {"tol": 1e-8}')
         self.form = form
         self.solver_options = dict(solver_options or {})
         self._tight = min(self.tolerance.position, self.tolerance.rotation)
@@ -100,21 +88,21 @@ class IPOPT(ProgrammeSolver):
             ipopt |= {"tol": 1e-6, "mu_init": 1e-4}
         elif self.form == "constraint":
             # Only the constraint must converge, not the barrier.
-            problem = {"x": m.q, "p": m.target, "f": ca.SX(0.0), "g": ca.cse(error_components(m, self.task))}
+            problem = {"x": m.q, "p": m.target, "f": ca.SX(0.0), "g": ca.cse(_casadi.error_components(m, self.task))}
             ipopt |= {"tol": 1.0, "dual_inf_tol": 1e3, "compl_inf_tol": 1e3, "mu_init": 1e-2}
         else:  # the gradient of a square vanishes before the error
-            problem = {"x": m.q, "p": m.target, "f": ca.cse(cost(m, self.task))}
+            problem = {"x": m.q, "p": m.target, "f": ca.cse(_casadi.cost(m, self.task))}
             ipopt |= {"tol": 1e-13, "mu_init": 1e-8}
         options: dict[str, Any] = {"print_time": False, "record_time": False, "error_on_fail": False}
         if not choice and self.form == "constraint" and self.free_joints == self.task.exact == self.task.size:
-            options |= {"hess_lag": _gauss_newton_hessian(m, problem, cost_derivatives(m, self.task)[2])}
+            options |= {"hess_lag": _gauss_newton_hessian(m, problem, _casadi.cost_derivatives(m, self.task)[2])}
         return "ipopt", problem, {**options, "ipopt": ipopt | self.solver_options}
 
     def _new_programme(self, choice: bool, watched: bool) -> IkProblem:
         try:
             return super()._new_programme(choice, watched)
         except RuntimeError as error:
-            expected = f"options of IPOPT ({first_line(error)})"
+            expected = f"options of IPOPT ({_casadi.first_line(error)})"
             raise InvalidInput("solver_options", self.solver_options, expected) from None
 
     def _status(self, answer: IkAnswer, constrained: bool) -> IKStatus:

@@ -141,13 +141,13 @@ def exec_module(file: Path, name: str) -> ModuleType:
     """Run exactly the bytes of a file's SHA-256, without a bytecode cache, as the module of a name."""
     check_code_allowed(file)
     sources = _read_with_neighbours(file)
-    found = _digest(sources)
-    _check_expected(file, found)
+    digest = _digest(sources)
+    _check_expected(file, digest)
     spec = ModuleSpec(name, SourceFileLoader(name, str(file)), origin=str(file), is_package=True)
     spec.has_location, spec.submodule_search_locations = True, [str(file.parent)]  # where relative imports search
     module = sys.modules[name] = module_from_spec(spec)
     values = vars(module)
-    values["__sha256__"] = found
+    values["__sha256__"] = digest
     importlib.invalidate_caches()  # a neighbour may be newer than the last look at the folder
     try:
         exec(compile(sources[file], str(file), "exec", dont_inherit=True), values)
@@ -156,10 +156,10 @@ def exec_module(file: Path, name: str) -> ModuleType:
             del sys.modules[loaded]
         raise
     for kind in values.values():
-        own = isinstance(kind, type) and kind.__module__.partition(".")[0] == name
-        if own:
-            kind.__sha256__ = found
-        if own and kind.__reduce_ex__ is object.__reduce_ex__:
+        is_inside = isinstance(kind, type) and kind.__module__.partition(".")[0] == name
+        if is_inside:
+            kind.__sha256__ = digest
+        if is_inside and kind.__reduce_ex__ is object.__reduce_ex__:
             kind.__reduce_ex__ = _reduce
     name_method(values.get("METHOD"), name, file.stem)
     return module

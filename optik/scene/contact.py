@@ -16,8 +16,8 @@ from optik.arm.shapes.check import Capsules
 from optik.arm.shapes.enclosure import CORNERS, Hull
 from optik.arm.shapes.hulls import Hulls, enclose_disc, list_balls, list_hulls, nearest_hulls, pack_hulls
 from optik.arm.shapes.model import PAYLOAD
+from optik.check import check_kind
 from optik.compiled import compiled, inlined
-from optik.errors import InvalidInput
 from optik.kinematics import Chain, Triple
 from optik.scene.cloud import count_parts, divide_cloud, segment_cloud
 from optik.scene.distance import (
@@ -141,8 +141,7 @@ def check_scene(robot: Robot, scene: Scene | None) -> None:
 
     if scene is None:
         return
-    if not isinstance(scene, Scene):
-        raise InvalidInput("scene", repr(scene)[:60], "a Scene; an empty one for the arm's own links only")
+    check_kind(scene, "scene", Scene, "a Scene; an empty one for the arm's own links only")
     find_pairs(robot, scene)
 
 

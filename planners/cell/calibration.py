@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optik.check import format_value
+from optik.check import check_kind, format_value
 from optik.errors import InvalidInput
 from optik.se3 import exp_so3, pose
 from optik.types import Array, Flags, Indices
@@ -354,7 +354,7 @@ def _judge(
     """Return status, reason and advice of a calibration."""
     from scipy.special import chdtri
 
-    out, most = int(np.count_nonzero(~inliers)), _most_outliers(readings.m)
+    out, most = int(np.count_nonzero(~inliers)), max(0, min(int(MOST_LEFT_OUT * readings.m), readings.m - FEWEST_KEPT))
     if out > most:
         reason = f"{out} of {readings.m} pairs are outliers, and at most {most} may be excluded"
         advice = "check the known points and the stated noise; read more points"
@@ -381,11 +381,6 @@ def _judge(
     return CalibrationStatus.FOUND, "", ""
 
 
-def _most_outliers(m: int) -> int:
-    """Return the largest number of outliers of m pairs: a quarter, such that at least `FEWEST_KEPT` pairs remain."""
-    return max(0, min(int(MOST_LEFT_OUT * m), m - FEWEST_KEPT))
-
-
 def _largest_turn(covariance: Array) -> float:
     """Return the largest standard deviation of the rotation about any axis [rad]; infinite if it is not determined."""
     if not np.isfinite(covariance).all():
@@ -395,8 +390,7 @@ def _largest_turn(covariance: Array) -> float:
 
 def _check_pairs(pairs: Sequence[tuple[Spot | ArrayLike, ArrayLike]], laser: PanTiltLaser) -> Readings:
     """Return the checked pairs as arrays with their weights."""
-    if not isinstance(laser, PanTiltLaser):
-        raise InvalidInput("laser", format_value(laser), "a planners.cell.PanTiltLaser")
+    check_kind(laser, "laser", PanTiltLaser, "a planners.cell.PanTiltLaser")
     for name, noise in (("angle_noise", laser.angle_noise), ("range_noise", laser.range_noise)):
         if noise == 0.0:
             raise InvalidInput(

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from optik import se3
 from optik.arm.inertia import Body, check_body, check_shape, join_bodies, transform_body
 from optik.arm.robot import Robot
-from optik.check import check_count, check_number, format_value
+from optik.check import check_count, check_kind, check_number, format_value
 from optik.errors import InvalidInput
 from optik.ik import SolverLike, get_solver
 from optik.scene import Scene
@@ -443,8 +443,7 @@ class Cell(Equipment):
             An invalid argument; corrections on a real drive without ``look``; no such law or method.
         """
         self._check_request(corrections, readings, most_replans, {"follow": follow, "look": look, "watch": watch})
-        if not isinstance(spot, Spot):
-            raise InvalidInput("spot", format_value(spot), "a planners.cell.Spot(pan, tilt, range)")
+        check_kind(spot, "spot", Spot, "a planners.cell.Spot(pan, tilt, range)")
         return CellTask(
             self, make_law(timing), get_solver(self.robot, solver), self.notes, stop=stop, watch=watch,
             orientation=None if orientation is None else _rotation(orientation), corrections=corrections,

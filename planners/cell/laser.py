@@ -8,24 +8,12 @@ from math import inf, pi
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optik.check import check_count, check_number, format_value
+from optik.check import check_count, check_kind, check_number, format_value
 from optik.errors import InvalidInput
 from optik.se3 import check_pose, nearest_pose
 from optik.types import Array, Flags
-from planners.cell.sighting import (
-    Limits,
-    Plane,
-    Sighting,
-    SightStatus,
-    SimulatedSpot,
-    Spot,
-    check_covariance,
-    check_limits,
-    check_one_vector,
-    check_readings,
-    check_vectors,
-    copy_read_only,
-)
+from planners.cell import sighting
+from planners.cell.sighting import Limits, Plane, Sighting, SightStatus, SimulatedSpot, Spot, check_covariance
 
 # ---------------- panTiltLaser
 
@@ -96,10 +84,10 @@ class PanTiltLaser:
     def __post_init__(self) -> None:
         expected = "a standard deviation ≥ 0"
         values = {
-            "pose": copy_read_only(nearest_pose(check_pose(self.pose, "pose"))),
-            "pan_limits": check_limits(self.pan_limits, "pan_limits", -2 * pi, 2 * pi, "[−2π, 2π]"),
-            "tilt_limits": check_limits(self.tilt_limits, "tilt_limits", -pi / 2, pi / 2, "[−π/2, π/2]"),
-            "range_limits": check_limits(self.range_limits, "range_limits", 0.0, inf, "[0, ∞]"),
+            "pose": sighting.copy_read_only(nearest_pose(check_pose(self.pose, "pose"))),
+            "pan_limits": sighting.check_limits(self.pan_limits, "pan_limits", -2 * pi, 2 * pi, "[−2π, 2π]"),
+            "tilt_limits": sighting.check_limits(self.tilt_limits, "tilt_limits", -pi / 2, pi / 2, "[−π/2, π/2]"),
+            "range_limits": sighting.check_limits(self.range_limits, "range_limits", 0.0, inf, "[0, ∞]"),
             "angle_noise": check_number(self.angle_noise, "angle_noise", expected, least=0.0),
             "range_noise": check_number(self.range_noise, "range_noise", expected, least=0.0),
             "pose_covariance": None if self.pose_covariance is None else check_covariance(self.pose_covariance),
@@ -122,7 +110,7 @@ class PanTiltLaser:
         (3,) or (..., 3) array
             Vectors of length 1 [1].
         """
-        pan, tilt, _ = check_readings(pan, tilt, 0.0)
+        pan, tilt, _ = sighting.check_readings(pan, tilt, 0.0)
         return np.asarray(_beam_directions(pan, tilt) @ self.pose[:3, :3].T)
 
     def point(self, pan: ArrayLike, tilt: ArrayLike, range: ArrayLike) -> Array:
@@ -140,7 +128,7 @@ class PanTiltLaser:
         (3,) or (..., 3) array
             Points in the arm's base frame [m].
         """
-        pan, tilt, range = check_readings(pan, tilt, range)
+        pan, tilt, range = sighting.check_readings(pan, tilt, range)
         return np.asarray(self.pose[:3, 3] + range[..., None] * (_beam_directions(pan, tilt) @ self.pose[:3, :3].T))
 
     def reading(self, points: ArrayLike) -> Spot:
@@ -156,7 +144,7 @@ class PanTiltLaser:
         Spot
             Pan in (−π, π], tilt in [−π/2, π/2] [rad], range [m]. On the pan axis the pan is not determined; it is 0.
         """
-        points = check_vectors(points, "points")
+        points = sighting.check_vectors(points, "points")
         x, y, z = np.moveaxis((points - self.pose[:3, 3]) @ self.pose[:3, :3], -1, 0)
         off_axis = np.hypot(x, y)
         pan = np.where(self._on_pan_axis(points), 0.0, np.arctan2(y, x))
@@ -179,7 +167,7 @@ class PanTiltLaser:
         by_pose : (3, 6) or (..., 3, 6) array
             Columns v [1] and ω [m/rad], along and about the axes of the base frame, at the unit's origin.
         """
-        pan, tilt, range = check_readings(pan, tilt, range)
+        pan, tilt, range = sighting.check_readings(pan, tilt, range)
         beam, across = _beam_directions(pan, tilt), range * np.cos(tilt)
         panned = np.stack([-np.sin(pan) * across, np.cos(pan) * across, np.zeros_like(across)], axis=-1)
         tilted = range[..., None] * _beam_directions(pan, tilt + pi / 2)
@@ -264,7 +252,7 @@ class PanTiltLaser:
             FOUND, OUTSIDE_ANGLES, BEHIND (outside the pan limits and behind the unit), OUT_OF_RANGE or AT_UNIT. On the
             pan axis the pan is not determined; it is the one inside the limits that is nearest to 0.
         """
-        point = check_one_vector(point, "point")
+        point = sighting.check_one_vector(point, "point")
         spot = Spot(*(float(x) for x in self.reading(point)))
         if spot.range <= RANGE_SLACK:
             return Sighting(SightStatus.AT_UNIT, "the point is the unit's origin", "choose a point away from the unit")
@@ -295,8 +283,7 @@ class PanTiltLaser:
         InvalidInput
             NaN or infinity, or no Plane.
         """
-        if not isinstance(plane, Plane):
-            raise InvalidInput("plane", format_value(plane), "a planners.cell.Plane")
+        check_kind(plane, "plane", Plane, "a planners.cell.Plane")
         pan, tilt = (check_number(x, name, "an angle [rad]") for x, name in ((pan, "pan"), (tilt, "tilt")))
         d = self.direction(pan, tilt)
         along, lever = float(plane.normal @ d), -float(plane.distance(self.pose[:3, 3]))

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optik.arm.robot import Robot
-from optik.check import real_array
+from optik.check import finite_array
 from optik.errors import InvalidInput
 from optik.ik import IKSolver
 from optik.registry import load_method
@@ -109,7 +109,8 @@ def split_errors(
         No points, or NaN or infinity in them.
     """
     values = {"spot": spot, "target": target, "answer": answer, "planned": planned, "executed": executed}
-    points = [_check_points(value, name) for name, value in values.items()]
+    expected = "a point (3,) or points (k, 3)"
+    points = [finite_array(value, name, expected, (..., 3)) for name, value in values.items()]
     try:
         a, b, c, d, e = np.broadcast_arrays(*points)
     except ValueError:
@@ -146,16 +147,6 @@ def split_configurations(
     """
     tools = (robot.fk(q)[..., :3, 3] for q in (answer, planned, executed))
     return split_errors(spot, target, *tools)
-
-
-def _check_points(value: ArrayLike, name: str) -> Array:
-    """Return checked points as an array."""
-    points = real_array(value, name, "a point (3,) or points (k, 3)")
-    if points.ndim not in (1, 2) or points.shape[-1] != 3:
-        raise InvalidInput(name, f"shape {points.shape}", "a point (3,) or points (k, 3)")
-    if not np.isfinite(points).all():
-        raise InvalidInput(name, "NaN or infinity in it", "finite numbers")
-    return points
 
 
 def solve_poses(solver: IKSolver, poses: Array, q: Array) -> Array:

@@ -266,12 +266,12 @@ def _bound_speeds(
     left_joints, left_twist = np.empty((6, n)), np.empty((3, 6))
     t, joints = np.empty(SPEED_HALVINGS + 1), np.empty((SPEED_HALVINGS + 1, 6, n))
     twists = np.empty((SPEED_HALVINGS + 1, 3, 6))
-    proved, found, when = out[0], out[1], out[2]
+    proved, largest, when = out[0], out[1], out[2]
     for i in range(2 * k):
         for part in range(2):
             ratio = _ratio(at.twists[i], limits[i % k], part)
-            if ratio > found[part]:
-                found[part], when[part] = ratio, at.t[i]
+            if ratio > largest[part]:
+                largest[part], when[part] = ratio, at.t[i]
     for i in range(k):
         left, left_joints[:], left_twist[:] = at.t[i], at.joints[i], at.twists[i]
         t[0], joints[0], twists[0] = at.t[i + k], at.joints[i + k], at.twists[i + k]
@@ -283,7 +283,7 @@ def _bound_speeds(
             a, b = left_twist, twists[top]
             v = bezier_bound(a[0, :3], a[1, :3], b[0, :3], b[1, :3], h, moves[5]) / limits[i, 0]
             w = bezier_bound(a[0, 3:], a[1, 3:], b[0, 3:], b[1, 3:], h, spin) / limits[i, 1]
-            over = max(v / max(found[0], SPEED_FLOOR), w / max(found[1], SPEED_FLOOR)) / (1.0 + SPEED_EXCESS)
+            over = max(v / max(largest[0], SPEED_FLOOR), w / max(largest[1], SPEED_FLOOR)) / (1.0 + SPEED_EXCESS)
             # The remainder falls with the fourth power of the interval: intervals that would be too many are not begun.
             if over > 1.0 and h > NARROWEST_SHARE * knots[-1] and top < SPEED_HALVINGS and over**0.25 <= most - count:
                 top += 1
@@ -293,13 +293,13 @@ def _bound_speeds(
                 kinematics.tool_motion(chain, frame, T, joints[top, 0], joints[top, 1:4], twists[top])
                 for part in range(2):
                     ratio = _ratio(twists[top], limits[i], part)
-                    if ratio > found[part]:
-                        found[part], when[part] = ratio, t[top]
+                    if ratio > largest[part]:
+                        largest[part], when[part] = ratio, t[top]
                 continue
             proved[0], proved[1], count = max(proved[0], v), max(proved[1], w), count + 1
             left, left_joints[:], left_twist[:] = t[top], joints[top], twists[top]
             top -= 1
-    proved[0], proved[1] = max(proved[0], found[0]), max(proved[1], found[1])
+    proved[0], proved[1] = max(proved[0], largest[0]), max(proved[1], largest[1])
 
 
 # ---------------- proved bound on the peak of a value over a motion

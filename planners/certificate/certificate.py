@@ -218,11 +218,11 @@ class Certificate:
         InvalidInput
             No limit of that name.
         """
-        found, kind = self.extreme(field), kind_of(field)
+        extreme, kind = self.extreme(field), kind_of(field)
         if kind.subject is not None:
-            return found.worst((kind.subject,))
+            return extreme.worst((kind.subject,))
         limit = self.parts[-1].limits.value(field) if field in self.extra else None
-        return found.worst(kind.subjects(self.analysis.robot, limit))
+        return extreme.worst(kind.subjects(self.analysis.robot, limit))
 
     @cached_property
     def violations(self) -> tuple[Violation, ...]:

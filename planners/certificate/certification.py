@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optik.arm.robot import Robot
-from optik.check import check_number
+from optik.check import check_kind, check_number
 from optik.errors import InvalidInput
 from optik.ik.base import Tolerance, ToleranceLike
 from optik.scene import Scene
@@ -150,9 +150,9 @@ def merge_certificates(
     def worst(name: str) -> Any:
         known: list[Any] = [(p.extreme(name), t) for p, t, _ in shift if name in ALL_LIMITS or name in p.extra]
         each = [x._replace(time=x.time + t) for x, t in known] or [ToolExtreme(np.nan, np.nan, 0.0)]
-        found = reduce(select_worse, each)
+        most = reduce(select_worse, each)
         value = np.max([x.value for x in each], axis=0)  # which may be in a section with a higher limit
-        return found._replace(value=value if isinstance(found, Extreme) else float(value))
+        return most._replace(value=value if isinstance(most, Extreme) else float(value))
 
     steps = [step._replace(t=step.t + t) for p, t, _ in shift for step in p.friction_steps]
     parts = [LimitedPart(part.analysis, t + part.begin, part.limits) for p, t, _ in shift for part in p.parts]
@@ -412,8 +412,7 @@ def _check_kinds(robot: Robot, path: Path | None, trajectory: Trajectory, limits
     limits = MotionLimits.of(robot) if limits is None and isinstance(robot, Robot) else limits
     given = {"robot": robot, "path": path, "trajectory": trajectory, "limits": limits}
     for (argument, value), kind in zip(given.items(), (Robot, Path | None, Trajectory, MotionLimits), strict=True):
-        if not isinstance(value, kind):
-            raise InvalidInput(argument, repr(value)[:60], f"a {getattr(kind, '__name__', 'Path or None')}")
+        check_kind(value, argument, kind, f"a {getattr(kind, '__name__', 'Path or None')}")
     if trajectory.n != robot.n:
         raise InvalidInput("trajectory", f"{trajectory.n} joints", f"the {robot.n} of {robot.name}")
     assert limits is not None

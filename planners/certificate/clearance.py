@@ -13,26 +13,8 @@ from optik.arm.robot import Robot
 from optik.arm.shapes.hulls import Hulls
 from optik.compiled import compiled, inlined
 from optik.kinematics import Chain
-from optik.scene import Scene
-from optik.scene.contact import (
-    CLOUD,
-    HULLS_FROM,
-    ROUND,
-    SELF,
-    TOUCHING,
-    Bodies,
-    Objects,
-    bodies_of,
-    bound_distance,
-    check_scene,
-    find_nearest,
-    find_pairs,
-    length_between,
-    middle_of,
-    read_row,
-    refine,
-    transform_point,
-)
+from optik.scene import Scene, contact
+from optik.scene.contact import SELF, Bodies, Objects, bound_distance, read_row
 from optik.scene.distance import DISTANCE_ROUNDING, NearestPoint
 from optik.types import Array, Flags, Indices
 from planners.certificate.bounds import NARROWEST_SHARE, axes_motion, instants
@@ -63,7 +45,7 @@ def _locate_end(
     """
     prismatic = chain[1]
     places, velocity, away, bent = moved
-    x, y, z = transform_point(frame, link, (point[0], point[1], point[2]))
+    x, y, z = contact.transform_point(frame, link, (point[0], point[1], point[2]))
     places[k, e, 0], places[k, e, 1], places[k, e, 2] = x, y, z
     v0, v1, v2, gone, speed, pull = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(link, -1, -1):
@@ -103,8 +85,8 @@ def locate_capsule(
     _locate_end(chain, frame, axes[0][k], axes[1][k], joint, 0, moved, k)
     _locate_end(chain, frame, axes[0][k], axes[2][k], joint, 1, moved, k)
     a, b = read_row(moved[0][k], 0), read_row(moved[0][k], 1)
-    spheres[k, 0], spheres[k, 1], spheres[k, 2] = middle_of(a, b)
-    spheres[k, 3] = 0.5 * length_between(a, b)
+    spheres[k, 0], spheres[k, 1], spheres[k, 2] = contact.middle_of(a, b)
+    spheres[k, 3] = 0.5 * contact.length_between(a, b)
 
 
 @inlined
@@ -191,17 +173,17 @@ def _judge(
     Returns [m].
     """
     k, i, kind, base = pair
-    near = find_nearest((k, i, kind), scene, moved[0])
+    near = contact.find_nearest((k, i, kind), scene, moved[0])
     distance, closer = near[0] - (thick - DISTANCE_ROUNDING), -np.inf
     if distance <= finer[3] and finer[0][0].shape[0] > 0:
         enough = max(least[0], 0.0) + 2.0 * DISTANCE_ROUNDING + shift + finer[2]
-        found = refine((k, i, kind), scene, finer[0], finer[1], enough, finer[4])[0]
-        if found > 0.0:
-            distance, closer = max(distance, found), found - DISTANCE_ROUNDING - shift - finer[2]
+        refined = contact.refine((k, i, kind), scene, finer[0], finer[1], enough, finer[4])[0]
+        if refined > 0.0:
+            distance, closer = max(distance, refined), refined - DISTANCE_ROUNDING - shift - finer[2]
     if distance < least[0]:
         least[0], least[1] = distance, interval[0]
     bound = near[0] - shift
-    if interval[2] and near[0] > 0.0 and kind != CLOUD:  # a cloud is not convex: no plane separates it
+    if interval[2] and near[0] > 0.0 and kind != contact.CLOUD:  # a cloud is not convex: no plane separates it
         bound = max(bound, _plane_distance(near, moved, k, base, interval[1]))
     return max(bound - thick, closer)
 
@@ -245,8 +227,8 @@ def _judge_level(
         for entry in range(start, start + number):
             which, bound = open_[0][entry], open_[1][entry]
             k, i, kind = pairs[which, 0], pairs[which, 1], pairs[which, 2]
-            own = 1 if kind == SELF else 0
-            if bound < _target(least[own, 0], own, wanted):
+            group = 1 if kind == SELF else 0
+            if bound < _target(least[group, 0], group, wanted):
                 if not placed:
                     h, smooth = _bound_joints(curves, first, last, nodes[0][node], D, joint)
                     kinematics.frames(chain, D[0, 0], frame)
@@ -256,23 +238,23 @@ def _judge_level(
                 if kind == SELF:
                     locate_capsule(i, chain, frame, axes, joint, moved, spheres)
                     base, thick = link[i], thick + radius[i]
-                elif kind == ROUND:
+                elif kind == contact.ROUND:
                     thick += scene[4][i]
                 shift = max(away[k, 0, base], away[k, 1, base])
                 rough = bound_distance(read_row(spheres, k), spheres[k, 3], kind, i, scene, spheres) - shift - thick
-                if rough < _target(least[own, 0], own, wanted):
-                    before, interval = least[own, 0], (0.5 * (nodes[0][node, 0] + nodes[0][node, 1]), h, smooth)
+                if rough < _target(least[group, 0], group, wanted):
+                    before, interval = least[group, 0], (0.5 * (nodes[0][node, 0] + nodes[0][node, 1]), h, smooth)
                     spin = 0.0
                     if hulls[0].shape[0] > 0:
                         spin = (radius[k] + DISTANCE_ROUNDING) * turn_between(joint, chain[1], base, link[k])
-                    finer = (hulls, frame, spin, HULLS_FROM + (wanted[0] if own == 0 else 0.0), seed)
-                    judged = _judge((k, i, kind, base), thick, scene, moved, shift, interval, least[own], finer)
+                    finer = (hulls, frame, spin, contact.HULLS_FROM + (wanted[0] if group == 0 else 0.0), seed)
+                    judged = _judge((k, i, kind, base), thick, scene, moved, shift, interval, least[group], finer)
                     rough = max(rough, judged)
-                    if least[own, 0] < before:
-                        least[own, 3] = which
+                    if least[group, 0] < before:
+                        least[group, 3] = which
                 bound = max(bound, rough)
-            if bound >= _target(least[own, 0], own, wanted):
-                least[own, 2] = min(least[own, 2], bound)
+            if bound >= _target(least[group, 0], group, wanted):
+                least[group, 2] = min(least[group, 2], bound)
                 continue
             rest[0][used], rest[1][used] = which, bound
             used += 1
@@ -306,8 +288,8 @@ def search(chain: Chain, bodies: Bodies, curves: Polynomials, wanted: SearchOpti
             start, number = left[k]
             if ends or 0.5 * (spans[k, 1] - spans[k, 0]) <= wanted[3]:
                 for entry in range(start, start + number):
-                    own = least[1 if pairs[rest[0][entry], 2] == SELF else 0]
-                    own[2] = min(own[2], rest[1][entry])
+                    group = least[1 if pairs[rest[0][entry], 2] == SELF else 0]
+                    group[2] = min(group[2], rest[1][entry])
             elif number:
                 t, before, behind = _split(knots, parts[k, 0], parts[k, 1], spans[k])
                 halves[count, 0], halves[count, 1] = spans[k, 0], t
@@ -400,7 +382,7 @@ class Clearance:
     @property
     def note(self) -> str:
         """A note on shapes and objects that are in contact although neither moves, such as a held arm; else empty."""
-        touching = [f"{one} and {other}" for one, other, why in self.left_out if why == TOUCHING]
+        touching = [f"{one} and {other}" for one, other, why in self.left_out if why == contact.TOUCHING]
         return f"in contact, though neither moves: {', '.join(touching)}" if touching else ""
 
     @property
@@ -469,18 +451,19 @@ def clearance(robot: Robot, trajectory: Trajectory, scene: Scene) -> Clearance:
     subtracted (`optik.scene.distance`). The method follows the dichotomy by which HPP validates paths (Mirabel et al. 2016;
     before it Schwarzer, Saha and Latombe 2005) and conservative advancement (Mirtich 2000).
     """
-    check_scene(robot, scene)
-    pairs, bodies, axes = find_pairs(robot, scene), bodies_of(robot, scene), axes_motion(robot, trajectory)
+    contact.check_scene(robot, scene)
+    pairs, bodies = contact.find_pairs(robot, scene), contact.bodies_of(robot, scene)
+    axes = axes_motion(robot, trajectory)
     curves = (axes.padded, axes.knots, axes.piece_ranges, _is_continuous(axes))
     wanted = (scene.margin, *CLOSE, NARROWEST_SHARE * trajectory.duration, MOST_INTERVALS)
     least = np.empty((2, 4))
     search(robot.axes.chain, bodies, curves, wanted, least)
     touched = least[0, 0] <= scene.margin or least[1, 0] <= 0.0
     kinds: list[Closest | None] = []
-    for found, t, value, pair in least.tolist():
-        proved = -np.inf if touched else min(value, found)
+    for least_value, t, value, pair in least.tolist():
+        proved = -np.inf if touched else min(value, least_value)
         margin = scene.margin if not kinds else 0.0
-        kinds.append(Closest(proved, found, t, pairs.names[int(pair)], margin) if pair >= 0 else None)
+        kinds.append(Closest(proved, least_value, t, pairs.names[int(pair)], margin) if pair >= 0 else None)
     return Clearance(kinds[0], kinds[1], pairs.left_out)
 
 

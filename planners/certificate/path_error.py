@@ -10,6 +10,7 @@ from optik.arm.robot import Robot
 from optik.compiled import compiled
 from optik.ik.base import Tolerance
 from optik.types import Array, Flags, Indices
+from planners.certificate import projection
 from planners.certificate.bounds import (
     FEW_INTERVALS,
     NARROWEST_SHARE,
@@ -19,15 +20,7 @@ from planners.certificate.bounds import (
     joint_bounds,
     tool_bounds,
 )
-from planners.certificate.projection import (
-    BEND,
-    CHORD_ROOM,
-    NEAREST_TURN,
-    NOT_ALONG_PATH,
-    Nearest,
-    PathPositions,
-    make_nearest,
-)
+from planners.certificate.projection import Nearest, PathPositions
 from planners.certificate.violation import Violation
 from planners.paths.base import Asked, Path
 from planners.trajectory import Trajectory
@@ -405,7 +398,7 @@ def path_error(
     trajectory: Trajectory,
     bounds: MotionBounds | None = None,
     enough: tuple[float, float] = (ERROR_FLOOR, ERROR_FLOOR),
-    turn: float = NEAREST_TURN,
+    turn: float = projection.NEAREST_TURN,
 ) -> tuple[PathError, Passage]:
     """Return bounds on the distance and the angle between the tool and its path over a motion, and its passage along the path.
 
@@ -415,7 +408,7 @@ def path_error(
     at most 1.05 times the largest value found, or 1 nm (1 nrad).
     """
     bounds = bounds or MotionBounds(robot, trajectory)
-    nearest = make_nearest(robot, path, turn)
+    nearest = projection.make_nearest(robot, path, turn)
     piece, at, off, knot = _known_positions(nearest, bounds, trajectory) or _search_positions(
         nearest, bounds, trajectory
     )
@@ -440,7 +433,7 @@ def _known_positions(nearest: Nearest, bounds: MotionBounds, trajectory: Traject
     if s is None:
         return None
     at, off = _compare_ends(nearest, bounds.ends, s, trajectory)
-    return None if off.max() > CHORD_ROOM else (np.arange(s.size - 1), at, off, np.ones(s.size, np.bool_))
+    return None if off.max() > projection.CHORD_ROOM else (np.arange(s.size - 1), at, off, np.ones(s.size, np.bool_))
 
 
 def _search_positions(nearest: Nearest, bounds: MotionBounds, trajectory: Trajectory) -> Intervals:
@@ -548,7 +541,7 @@ class PathErrors:
     @property
     def _most_intervals(self) -> int:
         """Largest number of intervals: few for a motion that is far off."""
-        far = self.found.max() > NOT_ALONG_PATH or self._bounds.far_out_of_range
+        far = self.found.max() > projection.NOT_ALONG_PATH or self._bounds.far_out_of_range
         return FEW_INTERVALS if far else ERROR_INTERVALS
 
     def _keep_largest(self, t: Array, off: Array) -> None:
@@ -585,4 +578,4 @@ def _count_parts(nearest: Nearest, ends: Instants) -> Indices:
     onward = ((v * way).sum(axis=2) >= 0.0).all(axis=0) & (size > 0.0)
     along = np.where(onward, (a * way).sum(axis=2) ** 2 / np.where(onward, size, 1.0), 0.0)
     bend = np.sqrt(np.maximum((a * a).sum(axis=2) - along, 0.0).max(axis=0)) * h**2 / 8.0
-    return np.asarray(np.clip(np.ceil(np.sqrt(bend / BEND)), 1, LOOK_PARTS), np.int64)
+    return np.asarray(np.clip(np.ceil(np.sqrt(bend / projection.BEND)), 1, LOOK_PARTS), np.int64)

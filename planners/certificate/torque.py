@@ -354,14 +354,14 @@ def _divide(
     close: the factor, the floor and the shortest interval.
     """
     t, h, joints, left, right = ends.t0, ends.t1 - ends.t0, ends.first, ends.left, ends.right
-    proved, found, when = results
+    proved, largest, when = results
     fourths = ends.fourths
-    _update_largest(t, model.turn(joints), left, what, found, when)
-    _update_largest(ends.t1, model.turn(ends.last), right, what, found, when)
+    _update_largest(t, model.turn(joints), left, what, largest, when)
+    _update_largest(ends.t1, model.turn(ends.last), right, what, largest, when)
     while True:
-        bound = np.empty((t.size, 2, found.shape[1]))
+        bound = np.empty((t.size, 2, largest.shape[1]))
         _between(what, h, model.turn(joints), fourths, (left, right), bound)
-        loose = _find_loose(bound, h, found, close, most, proved)
+        loose = _find_loose(bound, h, largest, close, most, proved)
         if not loose.any():
             break
         t, h, joints, left, right = t[loose], 0.5 * h[loose], joints[loose], left[loose], right[loose]
@@ -369,11 +369,11 @@ def _divide(
         later = np.empty_like(joints)
         _advance(joints, h, later)
         middle = evaluate_torques(model, later)
-        _update_largest(t + h, model.turn(later), middle, what, found, when)
+        _update_largest(t + h, model.turn(later), middle, what, largest, when)
         t, h, joints = np.concatenate([t, t + h]), np.concatenate([h, h]), np.concatenate([joints, later])
         left, right = np.concatenate([left, middle]), np.concatenate([middle, right])
         fourths = bound_fourths(model, h, joints)
-    np.maximum(proved, found, out=proved)
+    np.maximum(proved, largest, out=proved)
 
 
 @compiled

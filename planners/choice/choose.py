@@ -102,15 +102,15 @@ class Choice:
             return np.full(self.p.shape, np.nan)
         counts, m = free.scales.counts, fixed.problem.node.shape[1]
         problem = free.problem(place)
-        own, y = at.dual[:, 0] - at.dual[:, 1], np.zeros((free.K + 1, free.rows + 2 * problem.edge.shape[2]))
-        own[0, :m], own[-1] = 0.0, 0.0  # not limited there
+        duals, y = at.dual[:, 0] - at.dual[:, 1], np.zeros((free.K + 1, free.rows + 2 * problem.edge.shape[2]))
+        duals[0, :m], duals[-1] = 0.0, 0.0  # not limited there
         first, rows = free.speeds, fixed.rows
-        nodes, edges = own[:, :m], own[:, m:].reshape(len(own), 2, -1)
+        nodes, edges = duals[:, :m], duals[:, m:].reshape(len(duals), 2, -1)
         second, third = (sum(names.values()) for names in rows.others)  # which the choice does not know
         nodes = np.delete(nodes, slice(counts[2], counts[2] + second), axis=1)
         edges = np.delete(edges, slice(rows.joints, rows.joints + third), axis=2)
         y[:, first : first + counts[2] + counts[3]] = nodes[:, : counts[2] + counts[3]]
-        y[:, free.rows :] = edges.reshape(len(own), -1)
+        y[:, free.rows :] = edges.reshape(len(duals), -1)
         self._spread_speeds(problem.node, at, y)
         border = free.make_border()
         free.fill(place, at.z, y, border)
@@ -268,10 +268,10 @@ def choose_coefficients(
     gradient = float(np.abs(choice.gradient()).sum())
     if gradient <= WORTHLESS * duration and not ways:
         return [], ChoiceReport("the initial path: the freedoms cannot shorten the motion", gradient)
-    found, most = list(choice.solve()), (1.0 - LEAST_GAIN) * duration
-    fast = sorted((one for one in found if one.duration < most), key=lambda one: one.duration)
+    solutions, most = list(choice.solve()), (1.0 - LEAST_GAIN) * duration
+    fast = sorted((one for one in solutions if one.duration < most), key=lambda one: one.duration)
     near = [one for one in fast if one.duration <= NEARLY * fast[0].duration]
-    outcome = f"the initial path: {'no other is shorter in time' if found else 'the iteration found no other'}"
+    outcome = f"the initial path: {'no other is shorter in time' if solutions else 'the iteration found no other'}"
     tried = dict[tuple[float, float], Plan | None]()
     for order in (fast, sorted(near, key=lambda one: measure_travel(one.path[0]))):
         for solution in order:
@@ -284,7 +284,7 @@ def choose_coefficients(
     plans = [plan for plan in tried.values() if plan is not None]
     if tried:
         outcome = CHOSEN if plans else "the initial path: no other is proved and shorter in time"
-    return plans, ChoiceReport(outcome, gradient, len(found), sum(one.steps for one in found))
+    return plans, ChoiceReport(outcome, gradient, len(solutions), sum(one.steps for one in solutions))
 
 
 def report(best: Plan, made: ChoiceReport = FIXED, fixed: float | None = None) -> FreedomResult:

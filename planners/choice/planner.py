@@ -63,31 +63,31 @@ class MotionPlanner(PathPlanner):
             path, q_start, chosen = self._begin(path, q_start, duration)
             if chosen is not None:
                 return chosen
-        around, held = self.request.avoid is not False and path.asked == "pose", q_start is not None
+        around, has_start = self.request.avoid is not False and path.asked == "pose", q_start is not None
         ways = list[FreeWay]()
         if _is_chosen(path):
-            path, followed, ways = self._resolve(path, q_start, branch, held=held and path.hold_start)
+            path, followed, ways = self._resolve(path, q_start, branch, held=has_start and path.hold_start)
         else:
-            branch = "best" if held and isinstance(path, FreePath) and not path.hold_start else branch
+            branch = "best" if has_start and isinstance(path, FreePath) and not path.hold_start else branch
             followed = self.follow(path, q_start, branch, None if around else self.request.scene)
         if around and followed.status is FollowStatus.CONTACT and followed.joint_path is not None:
             followed = followed._replace(failure=None)  # to be moved out of contact
         ended = perf_counter()
         planner = self._with_optimal(path) if _is_chosen(path) else self
         if not (_is_chosen(path) or isinstance(path, PointToPoint)):
-            found = self.time(path, followed, duration, path.density)[0]
+            plan = self.time(path, followed, duration, path.density)[0]
         elif around and (followed.joint_path is not None or isinstance(path, PointToPoint)):
-            found = choose_searched(planner, path, followed, ways, held=held)
+            plan = choose_searched(planner, path, followed, ways, held=has_start)
         else:
             retime = None if planner is self and self._density(path) == 1.0 else self._retime
-            found = choose_on_path(planner, path, followed, ways, held=held, retime=retime)
-        if planner is not self and isinstance(path, FreePath) and (around or not found):
-            found = self._time_again(found, path, followed)
+            plan = choose_on_path(planner, path, followed, ways, held=has_start, retime=retime)
+        if planner is not self and isinstance(path, FreePath) and (around or not plan):
+            plan = self._time_again(plan, path, followed)
         if _is_chosen(path) or isinstance(path, PointToPoint):
-            found = replace(self._finish(found, duration), freedom=found.freedom, search=found.search)
-        proof = found.seconds.certificate
+            plan = replace(self._finish(plan, duration), freedom=plan.freedom, search=plan.search)
+        proof = plan.seconds.certificate
         seconds = PlanSeconds(ended - started, perf_counter() - ended - proof, proof)
-        return replace(found, seconds=seconds, resolution=followed.resolution)
+        return replace(plan, seconds=seconds, resolution=followed.resolution)
 
     def _resolve(
         self, path: FreePath, q_start: ArrayLike | None, branch: str | None, *, held: bool
@@ -103,20 +103,21 @@ class MotionPlanner(PathPlanner):
         q = None if q_start is None else check_start(robot, q_start, "q_start")
         count = 1 if held or path.segments > FEW_SEGMENTS else max(path.starts - 1, 1)
         if followed:
-            ways, made = resolver.guess(count)
-            return path, followed._replace(resolution=made), ways
+            ways, resolution = resolver.guess(count)
+            return path, followed._replace(resolution=resolution), ways
         for many in (False, True):
-            sequences, made = resolver.find(q, held=held, many=many, count=count)
+            sequences, resolution = resolver.find(q, held=held, many=many, count=count)
             first = [parts[0] for parts in sequences]
             ways = resolver.relax(first)
             for candidate, way in resolver.candidates(first, ways):
-                found = self.follow_from(candidate, way.q[0], scene, way.joints)
-                if found:
-                    return candidate, found._replace(resolution=made), [other for other in ways if other is not way]
-        if robot.n > 6 and (found := self.follow(path, q_start, branch, scene)):  # among all configurations, too
-            return path, found, []
+                again = self.follow_from(candidate, way.q[0], scene, way.joints)
+                if again:
+                    others = [other for other in ways if other is not way]
+                    return candidate, again._replace(resolution=resolution), others
+        if robot.n > 6 and (again := self.follow(path, q_start, branch, scene)):  # among all configurations, too
+            return path, again, []
         assert followed.failure is not None
-        return path, followed._replace(failure=made.explain(followed.failure), resolution=made), []
+        return path, followed._replace(failure=resolution.explain(followed.failure), resolution=resolution), []
 
     def _begin(self, path: FreePath, q_start: ArrayLike, duration: float | None) -> tuple[FreePath, Array, Plan | None]:
         """Return the path from a given start, the start, and the plan without a given start if that plan has the same start.

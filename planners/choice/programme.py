@@ -223,7 +223,7 @@ class FreeProgramme:
 
     def problem(self, place: ChoicePlace) -> Problem:
         """Return the problem whose rows are those of the joints' path."""
-        given, (q, q1, q2, q3), scales = self.given.problem, place.path, self.scales
+        fixed, (q, q1, q2, q3), scales = self.given.problem, place.path, self.scales
         n, counts, (v, a, j) = self.n, scales.counts, self.time
         if counts[0]:
             low, high = sides(self.bounds["velocity"])
@@ -271,7 +271,7 @@ class FreeProgramme:
             values = values * np.array([j, v * a, v**3, v, a, v * v])
             block = slice(n * (1 + load), n * (2 + load))
             edge[:, 0, block], edge[:, 1, block] = values[:-1], values[1:]
-        return Problem(given.ds, given.tau, self.least, self.top, node, edge, given.goal)
+        return Problem(fixed.ds, fixed.tau, self.least, self.top, node, edge, fixed.goal)
 
     def make_border(self) -> Border:
         """Return a border for the columns of this programme."""

@@ -184,10 +184,10 @@ class _Iteration:
         """
         K, durations, stuck, kept = self.programme.K, [float(self.at.z[:-1, 2].sum())], 0, None
         for steps in range(1, MOST_FREE_STEPS + 1):
-            found = self._search() if self._newton() else None
-            if found is None:
+            moved = self._search() if self._newton() else None
+            if moved is None:
                 return kept
-            alpha, dual, off, longest = found
+            alpha, dual, off, longest = moved
             stuck = stuck + 1 if alpha < STUCK_LENGTH else 0
             if stuck == STUCK_STEPS:
                 return kept
@@ -237,7 +237,7 @@ class _Iteration:
         dp = border.d.reshape(p.shape).copy()
         others = box.step(p, dp, mu, max(0.99, 1.0 - mu))
         alpha, dual = min(alpha, others[0]), min(dual, others[1])
-        whole, found = alpha, None
+        whole, accepted = alpha, None
         objective, off = iteration.merit(self.problem, mu, at.z, at.g, at.c, at.slack, border)
         more = box.merit(box.c, box.slack, mu)
         self.passed[0, self.count], self.passed[1, self.count] = objective + more[0], off + more[1]
@@ -252,13 +252,13 @@ class _Iteration:
                 objective, off = iteration.merit(problem, mu, trial.z, trial.g, trial.c, trial.slack, border)
                 more = box.merit(c, box.slack + alpha * box.dslack, mu)
                 off += more[1]
-                found = place, problem, new, c
+                accepted = place, problem, new, c
                 if iteration.is_better(self.passed, self.count, objective + more[0], off, 1e-6 * self.programme.K):
                     break
             alpha *= 0.5
-        if found is None:
+        if accepted is None:
             return None
-        self.place, self.problem, self.p, c = found
+        self.place, self.problem, self.p, c = accepted
         iteration.accept(at, trial, alpha, dual, self.lam, self.ddual, self.dbound)
         box.accept(c, alpha, dual)
         self._renew()

@@ -13,15 +13,8 @@ from optik.registry import label, short_name
 from optik.scene import Scene
 from optik.scene.contact import bodies_of, find_pairs
 from optik.types import Array, Indices
-from planners.choice.choose import (
-    CHOSEN,
-    Choice,
-    ChoiceReport,
-    choose_coefficients,
-    make_choice,
-    pick_plan,
-    report,
-)
+from planners.choice import choose
+from planners.choice.choose import CHOSEN, Choice, ChoiceReport, make_choice, report
 from planners.choice.columns import joint_changes
 from planners.choice.first_paths import DEFAULT_SEARCH, MOST_WAYS, advise_elbow, find_easy, find_first_paths
 from planners.choice.programme import FreeProgramme
@@ -214,12 +207,12 @@ def choose_in_scene(
             tried, pushed = tried + 1, push_out(finer, scene, p, near, pairs)
             if pushed is None:
                 continue
-            found, spent = _clear(finer, scene, pushed, plan_along, enough, pairs)
-            rounds, steps = rounds + spent[0], steps + spent[1]
-            if not (best or found):
-                found = plan_along(finer.path_of(pushed[0]), pushed[1][0, 0])
-            if found and (not best or found.trajectory.duration < best.trajectory.duration):
-                best = found
+            plan, counts = _clear(finer, scene, pushed, plan_along, enough, pairs)
+            rounds, steps = rounds + counts[0], steps + counts[1]
+            if not (best or plan):
+                plan = plan_along(finer.path_of(pushed[0]), pushed[1][0, 0])
+            if plan and (not best or plan.trajectory.duration < best.trajectory.duration):
+                best = plan
         if best:
             break
     outcome = "the initial path: no other is proved and shorter in time" if best is fixed else CHOSEN
@@ -242,13 +235,13 @@ def _clear(
         steps += solution.steps
         if cuts.add_touched(_between(solution.path, s)):
             continue
-        found = plan_along(choice.path_of(solution.p), solution.path[0, 0])
-        if found:
-            return found, (rounds, steps)
-        if not found.has_motion or found.certificate.clearance is None or found.certificate.clearance.proved:
+        plan = plan_along(choice.path_of(solution.p), solution.path[0, 0])
+        if plan:
+            return plan, (rounds, steps)
+        if not plan.has_motion or plan.certificate.clearance is None or plan.certificate.clearance.proved:
             break
-        proof, t = found.certificate, found.certificate.clearance.nearest.time
-        cuts.add_failed(found.trajectory(t), proof.s_at(t), s)
+        proof, t = plan.certificate, plan.certificate.clearance.nearest.time
+        cuts.add_failed(plan.trajectory(t), proof.s_at(t), s)
     return None, (rounds, steps)
 
 
@@ -286,30 +279,30 @@ def choose_on_path(
     fixed, optimum = planner.time(path, followed, None)
     if not fixed:
         return fixed
-    found, easy = [fixed], list[FreeWay]()
-    made = ChoiceReport("the initial path: avoid=True optimises it in the scene")
+    timed, easy = [fixed], list[FreeWay]()
+    choice = ChoiceReport("the initial path: avoid=True optimises it in the scene")
     if isinstance(path, FreePath):
         easy = find_easy(path, fixed.joint_path, ways, held=held)
-        found += [one for way in easy if (one := plan_along(path.with_coefficients(way.fit(path), None), way.q[0]))]
+        timed += [one for way in easy if (one := plan_along(path.with_coefficients(way.fit(path), None), way.q[0]))]
     if scene is None or path.segments <= FEW_SEGMENTS:
         ways = [*easy, *ways]
-        more, made = choose_coefficients(
+        more, choice = choose.choose_coefficients(
             path, fixed.joint_path, optimum, fixed, held=held, plan_along=plan_along, ways=ways
         )
-        found += more
-    plans = found if retime is None else [retime(plan) for plan in found]
-    best, before = pick_plan([plan for plan in plans if plan] or plans[:1]), plans[0]
+        timed += more
+    plans = timed if retime is None else [retime(plan) for plan in timed]
+    best, before = choose.pick_plan([plan for plan in plans if plan] or plans[:1]), plans[0]
     if not best:
         return best
     duration = (before if before else best).trajectory.duration
     if best is not before:
         outcome = CHOSEN if best.law == fixed.law else f"{CHOSEN} by the law optimal"
-        made = made._replace(
+        choice = choice._replace(
             outcome=outcome + ("" if best.trajectory.duration < duration else ": the joints move less")
         )
-    elif made.outcome == CHOSEN:
-        made = made._replace(outcome="the initial path: no other is shorter in time or in joint travel")
-    return replace(best, freedom=report(best, made, duration))
+    elif choice.outcome == CHOSEN:
+        choice = choice._replace(outcome="the initial path: no other is shorter in time or in joint travel")
+    return replace(best, freedom=report(best, choice, duration))
 
 
 def choose_searched(
@@ -319,8 +312,8 @@ def choose_searched(
     samples, rounds, tried, plans, request = 0, 0, 0, list[Plan](), planner.request
     scene, search = request.scene, DEFAULT_SEARCH if isinstance(request.avoid, bool) else request.avoid
     assert scene is not None
-    given = find_first_paths(path, scene, search, request.winding) if isinstance(path, PointToPoint) else [None]
-    for first in itertools.islice(given, MOST_WAYS):
+    initial = find_first_paths(path, scene, search, request.winding) if isinstance(path, PointToPoint) else [None]
+    for first in itertools.islice(initial, MOST_WAYS):
         tried += 1
         if first is not None:
             samples += first.samples
@@ -329,13 +322,13 @@ def choose_searched(
                 break
             followed, path = planner.follow(first.found, None, None, None), first.found
         before = min((one.trajectory.duration for one in plans if one), default=np.inf)
-        found, spent = _plan_around(planner, path, followed, before, ways, held=held)
-        plans, rounds = [*plans, found], rounds + spent
-        if found and (not isinstance(request.law, Optimal) or _is_enough(plans)):
+        plan, more = _plan_around(planner, path, followed, before, ways, held=held)
+        plans, rounds = [*plans, plan], rounds + more
+        if plan and (not isinstance(request.law, Optimal) or _is_enough(plans)):
             break
-    made = SearchReport(label(search) if isinstance(search, Search) else short_name(search), samples, rounds, tried)
+    summary = SearchReport(label(search) if isinstance(search, Search) else short_name(search), samples, rounds, tried)
     best = min(plans, key=lambda one: (not one, one.trajectory.duration if one else 0.0))
-    return replace(best, search=made, failure=advise_elbow(best.failure, best.path, request.robot))
+    return replace(best, search=summary, failure=advise_elbow(best.failure, best.path, request.robot))
 
 
 def _is_enough(plans: list[Plan]) -> bool:
@@ -363,13 +356,13 @@ def _plan_around(
 
         fixed, optimum = planner.time(path, followed, None, density)
         if optimum is None:
-            made = replace(fixed, freedom=report(fixed)) if fixed.has_motion else fixed
-            return best or made, rounds
+            plan = replace(fixed, freedom=report(fixed)) if fixed.has_motion else fixed
+            return best or plan, rounds
         choice, least = make_choice(path, fixed.joint_path, optimum, held=held, ways=ways), fixed.least_duration or 0.0
         guess = find_guess(best, NOT_FAR * least, optimum.programme.s)
-        made, count = choose_in_scene(choice, scene, fixed, plan_along, guess, FAST * least)
+        plan, count = choose_in_scene(choice, scene, fixed, plan_along, guess, FAST * least)
         rounds += count
-        best = made if made and (best is None or made.trajectory.duration < best.trajectory.duration) else best
-        if made and not ENOUGH_NEAR * least < made.trajectory.duration <= MAY_GAIN * before:
+        best = plan if plan and (best is None or plan.trajectory.duration < best.trajectory.duration) else best
+        if plan and not ENOUGH_NEAR * least < plan.trajectory.duration <= MAY_GAIN * before:
             break
-    return best or made, rounds
+    return best or plan, rounds

@@ -13,6 +13,7 @@ import scipy
 
 from optik.arm.plain import read_numbers, read_record, read_word, read_words
 from optik.arm.robot import Robot
+from optik.check import check_kind
 from optik.errors import InvalidInput
 from optik.ik import Tolerance
 from optik.scene import Scene
@@ -103,13 +104,11 @@ def to_plain(motion: Motion) -> dict[str, Any]:
 
 def from_plain(data: Any) -> Motion:
     """Return the motion that `to_plain` wrote, after checking every entry."""
-    if not isinstance(data, dict):
-        raise InvalidInput("content", repr(data)[:60], f"a mapping with {', '.join(HEADER)}")
+    check_kind(data, "content", dict, f"a mapping with {', '.join(HEADER)}")
     header = {k: v for k, v in data.items() if k not in ("knots", "coefficients", "sha256")}
     check_header(header)
     for key in ("knots", "coefficients"):
-        if not isinstance(data.get(key), list):
-            raise InvalidInput(key, repr(data.get(key))[:60], "a list")
+        check_kind(data.get(key), key, list)
     knots, powers = data["knots"], data["coefficients"]
     pieces = powers[0] if powers and isinstance(powers[0], list) else []
     joints = pieces[0] if pieces and isinstance(pieces[0], list) else []

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from optik.arm.limits import ask_for_degrees
 from optik.arm.motors import have_same_matrix, maker_joints, maker_limits, maker_names
 from optik.arm.robot import Robot
-from optik.check import locate_error
+from optik.check import check_kind, locate_error
 from optik.errors import InvalidInput
 from optik.file_io import check_suffix, decode_text, parse_json, read_bytes
 from optik.scene.files import find_mappings
@@ -25,20 +25,12 @@ from planners.files.base import CONTENT
 from planners.files.headers import list_units, read_log
 from planners.motion import Motion
 from planners.paths.goal import find_continuous
-from planners.ros.export import (
-    MESSAGE_SUFFIXES,
-    POINT_FIELDS,
-    Form,
-    JointNames,
-    MessagePoints,
-    find_columns,
-    from_text,
-    read_points,
-)
+from planners.ros import export
+from planners.ros.export import Form, JointNames, MessagePoints
 from planners.trajectory import Trajectory, map_joints
 from planners.trajectory.trajectory import INTERPOLATIONS, trajectory_through
 
-READ_SUFFIXES = (".csv", *MESSAGE_SUFFIXES)
+READ_SUFFIXES = (".csv", *export.MESSAGE_SUFFIXES)
 """Suffixes of the files that can be read."""
 LATEST, LONGEST_STEP = 1e11, 1e5
 """Latest time by any clock, and longest time between two setpoints [s]: larger ones are in another unit."""
@@ -102,9 +94,8 @@ def load_trajectory(
         YAML without PyYAML.
     """
     suffix = check_suffix(file, READ_SUFFIXES)
-    if not isinstance(robot, Robot):
-        raise InvalidInput("robot", repr(robot)[:60], "a Robot")
-    names = Form("", find_columns(robot, joint_names)).names
+    check_kind(robot, "robot", Robot)
+    names = Form("", export.find_columns(robot, joint_names)).names
     if saved := read_saved(file):
         _check_arm(*saved, robot, names, file, unit)
         if saved[1] and all(x is None for x in (interpolation, start, ignore, unwrap, columns)):
@@ -125,8 +116,8 @@ def _load(
                 assumed, like = ", ".join(points.assumed), _name_others(points.assumed)
                 points.notes.append(f"no units in the header: read in {assumed}; unit={like} states others")
         else:
-            message = _find_message(from_text(decode_text(read_bytes(FilePath(file))), suffix))
-            points = _convert(read_points(message, names, read_names(ignore, "ignore")), robot, unit)
+            message = _find_message(export.from_text(decode_text(read_bytes(FilePath(file))), suffix))
+            points = _convert(export.read_points(message, names, read_names(ignore, "ignore")), robot, unit)
         trajectory = _build(points, robot, *following)
         if robot.motors is not None:
             trajectory = map_joints(trajectory, robot.motors.matrix, robot.motors.offset)
@@ -250,7 +241,7 @@ def _build(
         return trajectory_through(t, values[0], np.vstack([np.zeros((first, robot.n)), spline(t[first:], 1)]))
     known = (*INTERPOLATIONS[: len(values)], SPLINE)
     if interpolation is not None and interpolation not in known:
-        got = f"{interpolation!r:.60} for {', '.join(POINT_FIELDS[: len(values)])}"
+        got = f"{interpolation!r:.60} for {', '.join(export.POINT_FIELDS[: len(values)])}"
         raise InvalidInput("interpolation", got, f"one of {', '.join(known)}")
     return trajectory_through(t, *values[: len(values) if interpolation is None else known.index(interpolation) + 1])
 

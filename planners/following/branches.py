@@ -145,15 +145,16 @@ def find_branches(robot: Robot, path: Path, near: Array | None = None, rooms: Ro
     tolerance, course = Tolerance(1e-5, 1e-5), Course(path, make_empty_guide(robot.n))
     nodes = course.nodes(course.spread(np.linspace(0.0, path.end, BRANCH_STATIONS), tolerance))
     open_ended = np.full(robot.n, np.inf)
-    found = []
+    branches = []
     for root in _find_starts(robot, course, nodes.poses[0], near):
         way = track(robot, course, nodes, root, tolerance, (-open_ended, open_ended))
         if len(way.s) > 1:
             branch = _choose_winding(robot, path, way, near)
-            found.append(branch if rooms is None else branch._replace(cost=branch.cost + _measure_rooms(rooms(way.q))))
+            cost = branch.cost + (0.0 if rooms is None else _measure_rooms(rooms(way.q)))
+            branches.append(branch._replace(cost=cost))
         else:
-            found.append(Branch(root, np.inf, 0.0, way.ended))
-    return sorted(found, key=lambda branch: (-branch.s, branch.cost))
+            branches.append(Branch(root, np.inf, 0.0, way.ended))
+    return sorted(branches, key=lambda branch: (-branch.s, branch.cost))
 
 
 def _measure_rooms(room: Array) -> float:

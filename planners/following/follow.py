@@ -12,7 +12,7 @@ from optik import newton
 from optik.arm.motors import ranges_of
 from optik.arm.reach import reach_bound
 from optik.arm.robot import Robot
-from optik.check import check_count, check_number
+from optik.check import check_choice, check_count, check_kind, check_number
 from optik.errors import InvalidInput
 from optik.ik import IKSolver, IKStatus, Tolerance, make_solver, solve_ik
 from optik.ik.base import ToleranceLike
@@ -110,13 +110,13 @@ class Follower:
             reason = "the path has a length of 0: start and goal are equal, so there is nothing to move"
             equal = PlanFailure(FollowStatus.NO_LENGTH, 0.0, None, reason, "a goal away from the start")
             return FollowResult(None, equal)
-        given = self.path.configurations(self.robot, self.grid)
-        first = given[0] if given is not None else (self.q if self.branch == "start" else None)
+        known = self.path.configurations(self.robot, self.grid)
+        first = known[0] if known is not None else (self.q if self.branch == "start" else None)
         failure = None if self.collision is None or first is None else self.collision.check_start(first)
         if failure is not None:
             return FollowResult(None, failure)
-        followed = self._follow_poses() if given is None else self._follow_joints(given)
-        failure, pose = followed.failure, given is None and self.path.asked == "pose" and not self.path.turns_only
+        followed = self._follow_poses() if known is None else self._follow_joints(known)
+        failure, pose = followed.failure, known is None and self.path.asked == "pose" and not self.path.turns_only
         if failure is not None and pose and self.robot.n < 6:
             return followed._replace(failure=replace(failure, advice=POINT_ADVICE + failure.advice))
         if self.collision is None or not followed or followed.joint_path is None:
@@ -124,7 +124,7 @@ class Follower:
         failure = self.collision.check_path(followed.joint_path)
         if failure is None:
             return followed
-        advice = AROUND_ADVICE if given is not None else self._find_free_branch()
+        advice = AROUND_ADVICE if known is not None else self._find_free_branch()
         failure = failure if followed.resolution is None else followed.resolution.explain(failure)
         return followed._replace(failure=replace(failure, advice=advice))
 
@@ -229,10 +229,10 @@ class Follower:
 
     def _choose_null_space_motion(self) -> FollowResult:
         """Return the first null-space motion that reaches the end without collision, or the one that goes farthest."""
-        robot, best, made = self.robot, None, list[Resolution]()
+        robot, best, resolutions = self.robot, None, list[Resolution]()
         rooms = None if self.collision is None else self.collision.find_rooms
         for motion in find_null_space_motions(
-            robot, self.path, self.q, self.branch, self.collision, self.way, self.time_limit, made
+            robot, self.path, self.q, self.branch, self.collision, self.way, self.time_limit, resolutions
         ):
             for _ in range(MOST_REFINEMENTS):
                 course = Course(self.path, motion.guide())
@@ -250,9 +250,10 @@ class Follower:
             return FollowResult(None, self._explain_no_start())
         _, way, course = best
         followed = self._finish(course, way, way.q[0] if self.branch == "best" or self.q is None else self.q)
-        if not made or self.time_limit == 0.0:
+        if not resolutions or self.time_limit == 0.0:
             return followed
-        return followed._replace(failure=followed.failure and made[-1].explain(followed.failure), resolution=made[-1])
+        last = resolutions[-1]
+        return followed._replace(failure=followed.failure and last.explain(followed.failure), resolution=last)
 
     def _is_free(self, way: FollowedTrack) -> bool:
         """Return whether a track reaches the path's end and is collision-free."""
@@ -458,10 +459,8 @@ def make_follower(
     scene: Scene | None, time_limit: float, way: Sequence | None = None,
 ) -> Follower:  # fmt: skip
     """Return the follower with checked arguments of `follow`, and the sequence of a resolution of the whole path."""
-    if not isinstance(solver, IKSolver):
-        raise InvalidInput("solver", repr(solver)[:60], "an IKSolver, such as optik.ik.get_solver(robot)")
-    if not isinstance(path, Path):
-        raise InvalidInput("path", repr(path)[:60], "a Path")
+    check_kind(solver, "solver", IKSolver, "an IKSolver, such as optik.ik.get_solver(robot)")
+    check_kind(path, "path", Path)
     q, branch = _check_start(solver, path, q_start, branch, samples)
     grid = np.linspace(0.0, path.end, samples)
     collision = None if scene is None else CollisionCheck(solver.robot, scene)
@@ -470,8 +469,7 @@ def make_follower(
 
 def read_time_limit(resolve: str, time_limit: float | None) -> float:
     """Return the computing time [s] of the search along the whole path: infinite without a limit, 0 without a search."""
-    if not isinstance(resolve, str) or resolve not in RESOLVES:
-        raise InvalidInput("resolve", repr(resolve)[:60], " or ".join(f'"{name}"' for name in RESOLVES))
+    check_choice(resolve, "resolve", RESOLVES)
     seconds = np.inf
     if time_limit is not None:
         seconds = check_number(time_limit, "time_limit", "seconds above 0, or None", above=0.0)
@@ -497,8 +495,7 @@ def _check_start(
         raise InvalidInput("solver", f"one for the task {solver.task}", "one for the whole pose")
     if branch is None:
         branch = "best" if q_start is None else "start"
-    if not isinstance(branch, str) or branch not in ("start", "best"):
-        raise InvalidInput("branch", repr(branch)[:60], '"start" or "best"')
+    check_choice(branch, "branch", ("start", "best"))
     if branch == "start" and q_start is None:
         raise InvalidInput("q_start", "None", 'a configuration for branch="start"; without one use branch="best"')
     q = None if q_start is None else check_start(robot, q_start, "q_start")

@@ -102,16 +102,16 @@ def misfit(chain: Chain, q: Array, dq: Array, pose: Array, twist: Array, out: Ar
     Shapes and units: q (n,) [rad, m], dq (3, n) [rad/m, rad/m², rad/m³], pose (4, 4) [m], twist (6,) [1, rad/m], out (4,)
     [m, 1, 1, 1/m].
     """
-    frame, T, made = np.empty((chain[0].shape[0], 4, 4)), np.empty((4, 4)), np.empty((3, 6))
+    frame, T, tool = np.empty((chain[0].shape[0], 4, 4)), np.empty((4, 4)), np.empty((3, 6))
     frames(chain, q, frame)
     tool_pose(chain, frame, T)
-    tool_motion(chain, frame, T, q, dq, made)
+    tool_motion(chain, frame, T, q, dq, tool)
     for k in range(4):
         out[k] = 0.0
     for r in range(3):
         out[0] += (T[r, 3] - pose[r, 3]) ** 2
-        out[2] += (made[0, r] - twist[r]) ** 2
-        out[3] += (made[0, 3 + r] - twist[3 + r]) ** 2
+        out[2] += (tool[0, r] - twist[r]) ** 2
+        out[3] += (tool[0, 3 + r] - twist[3 + r]) ** 2
         for c in range(3):
             out[1] += 0.5 * (T[r, c] - pose[r, c]) ** 2  # ‖R₁ − R₂‖_F = 2 √2 sin(θ/2)
     turned = 0.0  # Ṙ = [ω]R at both: ‖Ṙ₁ − Ṙ₂‖ ≤ |ω₁ − ω₂| + |ω| ‖R₁ − R₂‖

@@ -44,13 +44,13 @@ def find_null_space_motions(
     the limits. A spline g through them, and one W through the null spaces there, are the guide: q(s) is the configuration on
     the path with W(s) (q − g(s)) = 0. So q', q'', q''' are unique and exact for any splines.
     """
-    held, rooms = branch == "start", None if collision is None else collision.find_rooms
+    fixed, rooms = branch == "start", None if collision is None else collision.find_rooms
     if way is not None:
         q_way = way.q.copy()
         _project(robot, path.pose(way.s), q_way)
-        yield NullSpaceMotion(robot, path, way.s, q_way, held=held, rooms=rooms, smooth=False)
+        yield NullSpaceMotion(robot, path, way.s, q_way, held=fixed, rooms=rooms, smooth=False)
         return
-    if held:
+    if fixed:
         assert q is not None
         s, first = np.linspace(0.0, path.end, GUIDE_STATIONS), q[None].copy()
         _project(robot, path.pose(s[:1]), first)
@@ -59,16 +59,16 @@ def find_null_space_motions(
             return
         q = first[0]
     sampler = Sampler(robot, robot, path, collision, time_limit or np.inf)
-    for many in (True,) if held else (False, True) if time_limit > 0.0 else (False,):
-        found, done = resolve(sampler, path, q, held=held, many=many, count=CHOICES)
+    for many in (True,) if fixed else (False, True) if time_limit > 0.0 else (False,):
+        sequences, done = resolve(sampler, path, q, held=fixed, many=many, count=CHOICES)
         if made is not None:
             made.append(done)
         motions = (
             NullSpaceMotion(
-                robot, path, *(parts[-1] if rooms is None else relax_sequences(sampler, path, parts[-1:], held=held)[0]),
-                held=held, rooms=rooms, smooth=rooms is None,
+                robot, path, *(parts[-1] if rooms is None else relax_sequences(sampler, path, parts[-1:], held=fixed)[0]),
+                held=fixed, rooms=rooms, smooth=rooms is None,
             )
-            for parts in found
+            for parts in sequences
         )  # fmt: skip
         # A relaxation among obstacles takes long, so the cheapest sequence is first; else that with the shortest motion.
         yield from motions if rooms is not None else sorted(motions, key=lambda motion: (-motion.s[-1], motion.length))

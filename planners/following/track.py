@@ -15,15 +15,8 @@ from optik.arm.robot import Robot
 from optik.ik import Tolerance
 from optik.ik.closed_form import ClosedForm
 from optik.types import Array
-from planners.following import march
-from planners.following.joint_path import (
-    LEAST_SPACING,
-    Course,
-    Nodes,
-    deviation_bounds,
-    slice_nodes,
-    smallest_singular_values,
-)
+from planners.following import joint_path, march
+from planners.following.joint_path import LEAST_SPACING, Course, Nodes, slice_nodes, smallest_singular_values
 
 # ---------------- continue the joint motion along a path at a singular configuration
 
@@ -74,7 +67,7 @@ def find_departures(robot: Robot, course: Course, near: Array | None = None) -> 
     """
     chain, none = robot.chain, np.empty((4, 0, robot.n))
     for s in AHEAD * course.path.end:
-        nodes, found = course.nodes(np.array([s])), False
+        nodes, regular = course.nodes(np.array([s])), False
         for q in find_regular_roots(robot, nodes.poses[0], CLEAR)[0]:
             if near is not None:
                 q = q + 2.0 * np.pi * robot.turning * np.round((near - q) / (2.0 * np.pi))
@@ -89,9 +82,9 @@ def find_departures(robot: Robot, course: Course, near: Array | None = None) -> 
             right = PathPoint(float(s), q, dq)
             left = continue_to(robot, course, right, 0.0, march.REGULAR)
             if left is not None:
-                found |= bool(sigma >= march.REGULAR)
+                regular |= bool(sigma >= march.REGULAR)
                 yield left, right
-        if found:
+        if regular:
             return
 
 
@@ -237,10 +230,10 @@ class _Tracker:
         at = nodes.twists[0], nodes.rows[0], nodes.values[0]
         rank, sigma = newton.derivatives_at(self.chain, q, *at, dq, march.REGULAR)
         outside = np.maximum(self.slack[0] - q, q - self.slack[1])
-        given = np.clip(q_start, *self.limits)
-        if not sigma >= march.REGULAR and self._depart(nodes, given):
+        start = np.clip(q_start, *self.limits)
+        if not sigma >= march.REGULAR and self._depart(nodes, start):
             return None
-        self._keep(nodes.s[:1], given[None], dq[None])
+        self._keep(nodes.s[:1], start[None], dq[None])
         if not sigma >= march.SMALLEST_SINGULAR_VALUE or rank == 0.0:
             return TrackEnd(march.SINGULAR, 0.0, float(sigma), -1)
         if not error <= march.ON_PATH * reach:
@@ -387,7 +380,7 @@ class _Tracker:
             return march.NOT_MET
         points = np.empty((n, 6))
         s, q, dq = np.array([left.s, right.s]), np.stack([left.q, right.q]), np.stack([left.dq, right.dq])
-        out = deviation_bounds(self.robot, self.course.path, s, q, dq, self.course.pieces)
+        out = joint_path.deviation_bounds(self.robot, self.course.path, s, q, dq, self.course.pieces)
         if not (out[0] <= self.allowed).all():
             return march.LOOSE
         march.control_points(h, left.q, left.dq, right.q, right.dq, points)

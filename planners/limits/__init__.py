@@ -16,13 +16,7 @@ from planners.limits.kinds import (
     limit_names,
     register,
 )
-from planners.limits.motion_limits import (
-    MotionLimits,
-    check_path,
-    find_tool_limit_changes,
-    tool_limits_at,
-    tool_limits_between,
-)
+from planners.limits.motion_limits import MotionLimits, check_path, tool_limits_at
 from planners.limits.open_container import OpenContainer
 from planners.limits.suction import Suction
 from planners.limits.tray import Tray
@@ -50,7 +44,6 @@ __all__ = [
     "Tray",
     "check_names",
     "check_path",
-    "find_tool_limit_changes",
     "kind_of",
     "limit_names",
     "ratio_to_limit",
@@ -59,5 +52,4 @@ __all__ = [
     "sides",
     "symmetric_limit",
     "tool_limits_at",
-    "tool_limits_between",
 ]

@@ -6,11 +6,10 @@ from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from optik.arm.limits import check_positive
 from optik.arm.robot import Robot
-from optik.check import check_words, real_array
+from optik.check import check_words, finite_array, real_array
 from optik.errors import InvalidInput
 from optik.types import Array
 from planners.limits.inputs import Extreme, LimitedMotion, PathPoints
@@ -41,15 +40,12 @@ class Combination(Record):
     names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        matrix: ArrayLike = real_array(self.matrix, "combination.matrix", "rows of one number for each joint")
-        rows = np.asarray(matrix)
-        if rows.ndim != 2 or not np.isfinite(rows).all():
-            raise InvalidInput("combination.matrix", repr(self.matrix)[:60], "rows of one finite number for each joint")
-        try:
-            given = [float(x) for x in np.atleast_1d(self.bound)]
-        except (TypeError, ValueError):
-            raise InvalidInput("combination.bound", repr(self.bound)[:60], "a number above 0 for each row") from None
-        bound = check_positive(given, len(rows), "combination.bound")
+        expected = "rows of one finite number for each joint"
+        rows = finite_array(self.matrix, "combination.matrix", expected)
+        if rows.ndim != 2:
+            raise InvalidInput("combination.matrix", repr(self.matrix)[:60], expected)
+        bound = real_array(self.bound, "combination.bound", "a number above 0 for each row")
+        bound = check_positive(np.atleast_1d(bound), len(rows), "combination.bound")
         names = check_words(self.names, "combination.names") or tuple(f"combination{i + 1}" for i in range(len(rows)))
         if len(names) != len(rows):
             raise InvalidInput("combination.names", ", ".join(names), f"{len(rows)} names")

@@ -144,12 +144,12 @@ class AccelerationByVelocityLimit(SampledLimit):
         middle = sum(speed[p] * (0.5 * h[:, None]) ** p for p in range(5))
         sign = np.where(middle < 0.0, -1.0, 1.0)
         driving, braking = sign * (rate + beta * speed) / A, -sign * rate / D
-        found = [
+        extrema = [
             Trajectory(scipy.interpolate.PPoly(each[::-1], divided.knots)).extrema(0) for each in (driving, braking)
         ]
-        ratio = np.stack([each.greatest for each in found])
+        ratio = np.stack([each.greatest for each in extrema])
         which, joints = ratio.argmax(axis=0), np.arange(motion.robot.n)
-        ratio, time = ratio[which, joints], np.stack([each.t_greatest for each in found])[which, joints]
+        ratio, time = ratio[which, joints], np.stack([each.t_greatest for each in extrema])[which, joints]
         value = np.abs(motion.trajectory(np.minimum(time, motion.trajectory.end), 2)[joints, joints])
         ratio = np.where(motion.jumps[:2].any(axis=(0, 1)), np.inf, ratio)
         return Extreme(value, ratio, time)

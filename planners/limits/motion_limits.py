@@ -15,21 +15,10 @@ from optik.arm.plain import read_record
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
 from optik.types import Array, content
+from planners.limits import kinds
 from planners.limits.base import Limit, ratio_to_limit, sides, symmetric_limit
 from planners.limits.inputs import PathPoints, plain
-from planners.limits.kinds import (
-    ALL_LIMITS,
-    DERIVATIVES,
-    FIELD_LIMITS,
-    LOADED,
-    TOOL_SPEEDS,
-    inside_ends,
-    is_of_member,
-    kind_of,
-    limit_at,
-    limit_names,
-    limits_on_pieces,
-)
+from planners.limits.kinds import ALL_LIMITS, DERIVATIVES, FIELD_LIMITS, LOADED, TOOL_SPEEDS, kind_of
 from planners.paths.base import Path
 from planners.trajectory.curve import monomials
 
@@ -140,10 +129,10 @@ class MotionLimits(ByContent):
             Its limits on velocity, acceleration and jerk; with known masses also those on torque and torque rate.
         """
         names = (*DERIVATIVES, *LOADED) if robot.inertia is not None else DERIVATIVES
-        own = {name: getattr(robot.limits, name) for name in names} | _find_records(robot)
-        values = own | {name: value for name, value in given.items() if name not in ("extra", "robot_values")}
+        known = {name: getattr(robot.limits, name) for name in names} | _find_records(robot)
+        values = known | {name: value for name, value in given.items() if name not in ("extra", "robot_values")}
         extra = {kind_of(name).name: values.pop(name) for name in [*values] if name not in ALL_LIMITS}
-        return MotionLimits(**values, extra=extra | dict(given.get("extra") or {}), robot_values=own)
+        return MotionLimits(**values, extra=extra | dict(given.get("extra") or {}), robot_values=known)
 
     @property
     def kinds(self) -> tuple[Limit, ...]:
@@ -348,14 +337,14 @@ class MotionLimits(ByContent):
             Missing or unknown names, or data that are not a limit.
         """
         extra = (
-            tuple(key for key in data if key not in ALL_LIMITS and (key in limit_names() or is_of_member(key)))
+            tuple(key for key in data if key not in ALL_LIMITS and kinds.is_known(key))
             if isinstance(data, dict)
             else ()
         )
         required = tuple(name for name in ALL_LIMITS if name not in LOADED)
         checked = read_record(data, (*required, *extra), "limits", optional=LOADED)
-        found: dict[str, Any] = {key: kind_of(key).from_plain(value, n) for key, value in checked.items()}
-        return cls(**{name: found.pop(name, None) for name in ALL_LIMITS}, extra=found)
+        values: dict[str, Any] = {key: kind_of(key).from_plain(value, n) for key, value in checked.items()}
+        return cls(**{name: values.pop(name, None) for name in ALL_LIMITS}, extra=values)
 
     @property
     def tool(self) -> tuple[float, float]:
@@ -371,13 +360,15 @@ def check_path(limits: MotionLimits, path: Path) -> None:
     for name in TOOL_SPEEDS:
         value = limits.value(name)
         if np.ndim(value):
-            limits_on_pieces(path, np.asarray(value), name)
+            kinds.limits_on_pieces(path, np.asarray(value), name)
 
 
 def tool_limits_at(limits: MotionLimits, path: Path, s: Array) -> Array:
     """Return the greatest tool speeds (k, 2) [m/s, rad/s] at positions (k,) along a path; at a break the lesser of two."""
     given = zip(TOOL_SPEEDS, map(limits.value, TOOL_SPEEDS), limits.tool, strict=True)
-    each = [limit_at(path, np.asarray(v), s, name) if np.ndim(v) else np.full(s.size, most) for name, v, most in given]
+    each = [
+        kinds.limit_at(path, np.asarray(v), s, name) if np.ndim(v) else np.full(s.size, most) for name, v, most in given
+    ]
     return np.stack(each, axis=1)
 
 
@@ -388,7 +379,7 @@ def tool_limits_between(limits: MotionLimits, path: Path, s: Array) -> Array:
     """
     given = zip(TOOL_SPEEDS, map(limits.value, TOOL_SPEEDS), limits.tool, strict=True)
     each = [
-        np.minimum(*inside_ends(path, np.asarray(v), s, name)) if np.ndim(v) else np.full(s.size - 1, most)
+        np.minimum(*kinds.inside_ends(path, np.asarray(v), s, name)) if np.ndim(v) else np.full(s.size - 1, most)
         for name, v, most in given
     ]
     return np.stack(each, axis=1)

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from optik.arm.robot import Robot
-from optik.check import check_number
+from optik.check import check_kind, check_number
 from optik.errors import InvalidInput
 from optik.file_io import check_suffix, decode_text, parse_yaml, read_bytes
 from optik.tables import warn_of_assumptions
@@ -59,10 +59,10 @@ def load_limits(
     InvalidInput
         No such file, no joint of the arm, or a limit that is no positive number.
     """
-    found = read_limits(file, robot, joint_names)
-    warn_of_assumptions(file, found.notes)
-    limited = found.limit(robot)
-    return limited, MotionLimits.of(limited, **found.given)
+    read = read_limits(file, robot, joint_names)
+    warn_of_assumptions(file, read.notes)
+    limited = read.limit(robot)
+    return limited, MotionLimits.of(limited, **read.given)
 
 
 class FoundLimits(NamedTuple):
@@ -84,12 +84,8 @@ def read_limits(
 ) -> FoundLimits:
     """Return what `load_limits` reads, without a warning."""
     check_suffix(file, (".yaml", ".yml"))
-    if not isinstance(robot, Robot):
-        raise InvalidInput("robot", repr(robot)[:60], "a Robot")
-    if not isinstance(joint_names, Mapping | None):
-        raise InvalidInput(
-            "joint_names", repr(joint_names)[:60], "a mapping from the robot's joint names to the file's"
-        )
+    check_kind(robot, "robot", Robot)
+    check_kind(joint_names, "joint_names", Mapping | None, "a mapping from the robot's joint names to the file's")
     data = parse_yaml(decode_text(read_bytes(Path(file))), str(file))
     joints, beside = _find_joints(data, str(file))
     names = [(joint_names or {}).get(name, name) for name in robot.joint_names]
@@ -97,14 +93,13 @@ def read_limits(
         expected = f"limits of some of {', '.join(names)}"
         advice = "joint_names= gives the names in the file"
         raise InvalidInput(str(file), f"limits of {', '.join(map(str, joints))}"[:160], expected, advice=advice)
-    own = MotionLimits.of(robot).bounds(robot.n)
-    values, ranges = {kind: own[kind].copy() for kind in KINDS}, np.stack([robot.limits.lower, robot.limits.upper])
+    robots = MotionLimits.of(robot).bounds(robot.n)
+    values, ranges = {kind: robots[kind].copy() for kind in KINDS}, np.stack([robot.limits.lower, robot.limits.upper])
     braking = np.full(robot.n, np.inf) if robot.limits.deceleration is None else robot.limits.deceleration.copy()
     unread = set(beside)
     for i, name in enumerate(names):
         entry, where = joints.get(name, {}), f"{file}, {name}"
-        if not isinstance(entry, dict):
-            raise InvalidInput(where, repr(entry)[:60], "a mapping such as max_velocity: 2.0")
+        check_kind(entry, where, dict, "a mapping such as max_velocity: 2.0")
         for kind, keys in KINDS.items():
             _read(entry, kind, keys, where, values[kind][i : i + 1])
         _read(entry, "position", POSITION, where, ranges[:, i])
@@ -113,9 +108,9 @@ def read_limits(
     others = sorted({*map(str, joints)} - {*names})
     notes = [f"no joints of {robot.name}: {', '.join(others)}"] if others else []
     notes += [f"not read: {', '.join(sorted(unread))}"] if unread else []
-    changed = {kind: x for kind, x in values.items() if not np.array_equal(x, own[kind])}
-    given = {kind: x if np.isfinite(x).any() else None for kind, x in changed.items()}
-    return FoundLimits(ranges, braking if np.isfinite(braking).any() else None, given, notes)
+    changed = {kind: x for kind, x in values.items() if not np.array_equal(x, robots[kind])}
+    limits = {kind: x if np.isfinite(x).any() else None for kind, x in changed.items()}
+    return FoundLimits(ranges, braking if np.isfinite(braking).any() else None, limits, notes)
 
 
 def _find_joints(data: Any, file: str) -> tuple[dict[Any, Any], list[str]]:

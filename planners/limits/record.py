@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from optik.arm.plain import read_record
-from optik.check import check_number, real_array
+from optik.check import check_number, finite_array
 from optik.errors import InvalidInput
 from optik.types import Array, Flags
 from planners.limits.base import Limit
@@ -56,10 +56,7 @@ def _from_plain(value: Any) -> Any:
 
 def check_vector(value: Any, argument: str) -> tuple[float, float, float]:
     """Return three finite numbers as a tuple."""
-    vector = real_array(value, argument, "three finite numbers")
-    if vector.shape != (3,) or not np.isfinite(vector).all():
-        raise InvalidInput(argument, repr(value)[:60], "three finite numbers")
-    return tuple(vector.tolist())
+    return tuple(finite_array(value, argument, "three finite numbers", (3,)).tolist())
 
 
 def check_axis(value: Any, argument: str) -> tuple[float, float, float]:

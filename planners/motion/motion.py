@@ -14,7 +14,7 @@ import scipy
 
 from optik.arm.plain import read_list, read_word
 from optik.arm.robot import Robot
-from optik.check import check_number
+from optik.check import check_kind, check_number
 from optik.errors import InvalidInput, NoSolution
 from optik.ik.base import Tolerance
 from optik.scene import Scene
@@ -191,8 +191,7 @@ class Motion:
         kinds = {"robot": Robot, "path": Path, "limits": MotionLimits, "trajectory": Trajectory, "law": str}
         for argument, kind in kinds.items():
             value = getattr(self, argument)
-            if not isinstance(value, kind):
-                raise InvalidInput(argument, repr(value)[:60], f"a {kind.__name__}")
+            check_kind(value, argument, kind)
         if self.trajectory.n != self.robot.n:
             raise InvalidInput("trajectory", f"{self.trajectory.n} joints", f"the {self.robot.n} of {self.robot.name}")
         self.limits.arrays(self.robot.n)

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from optik.arm.plain import describe_difference
 from optik.arm.robot import Robot
-from optik.check import real_array
+from optik.check import check_kind, finite_array
 from optik.errors import InvalidInput
 from optik.types import Array
 from planners.paths.poses import find_nearest_on_path
@@ -195,11 +195,9 @@ class Path(Curve):
         InvalidInput
             Another shape, NaN or infinity.
         """
-        T = real_array(poses, "poses", "poses (k, 4, 4)")
-        if T.ndim != 3 or T.shape[1:] != (4, 4):
+        T = finite_array(poses, "poses", "finite poses (k, 4, 4)", (..., 4, 4))
+        if T.ndim != 3:
             raise InvalidInput("poses", f"shape {T.shape}", "poses of shape (k, 4, 4)")
-        if not np.isfinite(T).all():
-            raise InvalidInput("poses", "NaN or infinity in them", "finite poses")
         return self._nearest(T) if self.end and len(T) else np.zeros(len(T))
 
     def _nearest(self, poses: Array) -> Array:
@@ -325,8 +323,7 @@ class PiecewisePath(Path):
 
 def check_robot(robot: Any) -> None:
     """Raise InvalidInput unless a value is an arm."""
-    if not isinstance(robot, Robot):
-        raise InvalidInput("robot", repr(robot)[:60], "a Robot")
+    check_kind(robot, "robot", Robot)
 
 
 def check_recorded(robot: Robot | None, name: str, fingerprint: str) -> Robot:

@@ -11,15 +11,7 @@ from optik import se3
 from optik.arm.limits import LIMIT_TOLERANCE
 from optik.arm.robot import Robot
 from optik.errors import NoSolution
-from optik.ik import get_solver
-from optik.ik.branches import (
-    LIMIT_BAND,
-    POLISHING_STEPS,
-    enumerate_roots,
-    null_space_basis,
-    select_inside,
-    slide,
-)
+from optik.ik import branches, get_solver
 from optik.ik.problem import check_start
 from optik.types import Array, Flags
 
@@ -66,24 +58,24 @@ def find_configurations(robot: Robot, pose: Array, before: Array, which: str) ->
             bound.flags.writeable = False  # as those of the limits: kernels are compiled once
     seeds = np.concatenate([before, robot.limits.sample(np.random.default_rng(0), ROOT_GUESSES)])
     roots = np.empty((ENOUGH_SAMPLES + len(before), robot.n))
-    count, _steps = enumerate_roots(
-        robot.chain, bounds, target, (MISSED, MISSED), seeds, POLISHING_STEPS, roots, IDLE_GUESSES
+    count, _steps = branches.enumerate_roots(
+        robot.chain, bounds, target, (MISSED, MISSED), seeds, branches.POLISHING_STEPS, roots, IDLE_GUESSES
     )
-    found = _find_inside(robot, target, roots[:count], before[0])
-    if not len(found):
+    inside = _find_inside(robot, target, roots[:count], before[0])
+    if not len(inside):
         solved = get_solver(robot, "lm").solve(target, before[0])
-        found = _find_inside(robot, target, solved.q[None] if solved else roots[:0], before[0])
-    if not len(found):
+        inside = _find_inside(robot, target, solved.q[None] if solved else roots[:0], before[0])
+    if not len(inside):
         reason = f"no configuration inside the limits reaches the pose of {which}, from {ROOT_GUESSES} initial guesses"
         advice = "a pose within reach; optik.solve_ik with closest=True returns the nearest pose"
         raise NoSolution(reason, advice=advice)
-    return found
+    return inside
 
 
 def _find_inside(robot: Robot, target: Array, roots: Array, near: Array) -> Array:
     """Return those roots (k, n) of which a winding is inside the limits, as the one nearest to a configuration."""
-    wound = wind(robot, roots, near, LIMIT_BAND)
-    return select_inside(robot, target, (MISSED, MISSED), wound[~np.isnan(wound).any(axis=1)])
+    wound = wind(robot, roots, near, branches.LIMIT_BAND)
+    return branches.select_inside(robot, target, (MISSED, MISSED), wound[~np.isnan(wound).any(axis=1)])
 
 
 def wind(robot: Robot, q: Array, near: Array, slack: float = LIMIT_TOLERANCE) -> Array:
@@ -170,15 +162,15 @@ def _slide_along(
 ) -> Array:  # fmt: skip
     """Return the configurations of the poses (k, n), moved along their null spaces until the line from its start is short."""
     inner, last = slice(1, len(poses) + 1), len(line) - 1
-    free = [i for i in range(1, len(poses) + 1) if null_space_basis(robot, line[i]).shape[1]]
+    free = [i for i in range(1, len(poses) + 1) if branches.null_space_basis(robot, line[i]).shape[1]]
     for _ in range(SWEEPS if free else 0):
         before = _measure(line)
         for i in free:
             beside = [line[i - 1], *([line[i + 1]] if i < last else [])]
             weights = np.array([1.0 / max(float(np.linalg.norm(line[i] - x)), MISSED) for x in beside])
             middle = weights @ np.array(beside) / weights.sum()  # Weiszfeld's step to the least sum of distances
-            moved = slide(robot, poses[i - 1], line[i], middle, (MISSED, MISSED))
-            moved = select_inside(robot, poses[i - 1], (MISSED, MISSED), moved[None])
+            moved = branches.slide(robot, poses[i - 1], line[i], middle, (MISSED, MISSED))
+            moved = branches.select_inside(robot, poses[i - 1], (MISSED, MISSED), moved[None])
             before_move = _measure([line[i - 1], line[i], *beside[1:]])
             shorter = len(moved) and _measure([line[i - 1], moved[0], *beside[1:]]) < before_move
             if shorter and (usable is None or bool(usable(moved)[0])):

@@ -12,7 +12,7 @@ import numpy as np
 from optik import se3
 from optik.arm.plain import numbers_to_list, read_numbers
 from optik.arm.robot import Robot
-from optik.check import check_count, check_flag
+from optik.check import check_count, check_flag, check_kind
 from optik.errors import InvalidInput
 from optik.types import Array, Indices
 from planners.freedom import Freedom, freedom_of, loaded_freedom
@@ -327,13 +327,13 @@ class FreePath(PiecewisePath):
     def piece_bounds(self) -> Array:
         """Return bounds (k − 1, 2, 4) for each piece between breaks, by the product rule over the screws."""
         _breaks, piece, span = self._pieces
-        given = np.asarray(self.given.known_bounds[piece])
+        known = np.asarray(self.given.known_bounds[piece])
         if not self.coefficients.any():
-            return given
+            return known
         f = self.spline.derivative_bounds(self.coefficients, 4)[span]  # (k − 1, 5, d)
-        k = len(given)
+        k = len(known)
         position, rotation = np.zeros((k, 5)), np.ones((k, 5))
-        position[:, 1:], rotation[:, 1:] = given[:, 0], given[:, 1]
+        position[:, 1:], rotation[:, 1:] = known[:, 0], known[:, 1]
         for d, screw in enumerate(self.screws):
             speed, turning = float(np.linalg.norm(screw[:3])), float(np.linalg.norm(screw[3:]))
             S, turn = np.zeros((k, 5)), np.empty((k, 5))
@@ -364,8 +364,7 @@ class FreePath(PiecewisePath):
 
         names = "given", "bounds", "count", "hold_start", "starts", "coefficients", "null_space"
         given, bounds, count, held, starts, coefficients, null = fields(data, cls.name, *names)
-        if not isinstance(bounds, Mapping):
-            raise InvalidInput("bounds", repr(bounds)[:60], "a mapping from the names of freedoms to pairs")
+        check_kind(bounds, "bounds", Mapping, "a mapping from the names of freedoms to pairs")
         found = {name: read_numbers(pair, (2,), f"bounds.{name}") for name, pair in bounds.items()}
         pairs = {name: (float(pair[0]), float(pair[1])) for name, pair in found.items()}
         if (asked := data.get("asked", "pose")) not in ASKED:
@@ -427,8 +426,7 @@ def free(
     >>> free(Line(start, goal), turn=True).ranges[0].name
     'turn'
     """
-    if not isinstance(path, Path):
-        raise InvalidInput("path", repr(path)[:60], "a Path")
+    check_kind(path, "path", Path)
     if isinstance(path, FreePath) or type(path).configurations is not Path.configurations:
         expected = "a path of tool poses without freedoms, such as a Line or a Polyline"
         raise InvalidInput("path", f"a {path.name}", expected)

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import ArrayLike
 
 from optik.arm.robot import Robot
+from optik.check import real_array
 from optik.errors import InvalidInput
 from optik.ik.problem import check_start
 from optik.types import Array, Flags
@@ -28,10 +27,7 @@ def path_to(robot: Robot, goal: ArrayLike, q_start: ArrayLike | None, winding: s
 def read_goal(robot: Robot, goal: ArrayLike, q_start: ArrayLike | None, winding: str) -> tuple[Array, Array]:
     """Return the start (n,) and a goal: a pose (4, 4), or joints (n,) [rad, m] with the winding to take."""
     expected = f"a Path, a pose (4, 4) or the {robot.n} joints of a goal"
-    try:
-        array = np.asarray(goal, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
-        raise InvalidInput("path", repr(goal)[:60], expected) from None
+    array = real_array(goal, "path", expected)
     if array.shape not in ((4, 4), (robot.n,)):
         raise InvalidInput("path", f"shape {array.shape}", expected)
     if q_start is None:
@@ -40,13 +36,6 @@ def read_goal(robot: Robot, goal: ArrayLike, q_start: ArrayLike | None, winding:
     if array.ndim == 1 and winding == "nearest":
         array = unwind(robot, check_start(robot, array, "q_goal"), start)
     return start, array
-
-
-def check_winding(value: Any) -> str:
-    """Return the checked choice of windings."""
-    if not isinstance(value, str) or value not in WINDINGS:
-        raise InvalidInput("winding", repr(value)[:60], '"nearest" or "exact"')
-    return value
 
 
 def find_continuous(robot: Robot) -> Flags:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from optik import kinematics
 from optik.arm.robot import Robot
-from optik.check import real_array
+from optik.check import finite_array
 from optik.errors import InvalidInput
 from optik.types import Array, Indices
 from planners.paths.base import PiecewisePath, check_arm, check_recorded, check_robot, fields
@@ -244,10 +244,7 @@ class JointCurve(PiecewisePath):
 
 def _read(value: Any, shape: tuple[int, ...], argument: str) -> Array:
     """Return an array of finite numbers of this shape."""
-    array = real_array(value, argument, f"numbers of shape {shape}", shape)
-    if not np.isfinite(array).all():
-        raise InvalidInput(argument, "NaN or infinity in it", "finite numbers")
-    return array
+    return finite_array(value, argument, f"finite numbers of shape {shape}", shape)
 
 
 def _septics(s: Array, q: Array, d: Array) -> Array:

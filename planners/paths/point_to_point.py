@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from optik import se3
 from optik.arm.plain import read_numbers
 from optik.arm.robot import Robot
-from optik.check import real_array
+from optik.check import check_kind, real_array
 from optik.errors import InvalidInput, NoSolution
 from optik.ik import Tolerance
 from optik.ik.base import ToleranceLike
@@ -117,25 +117,25 @@ class PointToPoint(PiecewisePath):
         check_robot(robot)
         if not points:
             raise InvalidInput("points", "none", "a goal, with via points before it")
-        given = [point if isinstance(point, ViaPoint) else ViaPoint(point) for point in points]
-        if given[-1].tolerance is not None:
+        vias = [point if isinstance(point, ViaPoint) else ViaPoint(point) for point in points]
+        if vias[-1].tolerance is not None:
             raise InvalidInput("points", "a goal with a tolerance", "a goal that is reached exactly")
         self.robot, self.unit = robot, "m" if robot.prismatic.all() else "rad"
-        q = choose_configurations(robot, check_start(robot, q_start, "q_start"), [one.target for one in given], usable)
+        q = choose_configurations(robot, check_start(robot, q_start, "q_start"), [one.target for one in vias], usable)
         kept = np.append(0, 1 + np.flatnonzero(np.linalg.norm(np.diff(q, axis=0), axis=1) > SHORTEST_LEG))
         if len(kept) < 2:
             raise InvalidInput("points", "only points that equal the start", "a point with other joints")
         kept[-1] = len(q) - 1  # the goal is reached exactly
         self.dropped = tuple(np.setdiff1d(np.arange(len(q)), kept).tolist())
-        q, given = q[kept], [given[i - 1] for i in kept[1:]]
-        self.points = given
+        q, vias = q[kept], [vias[i - 1] for i in kept[1:]]
+        self.points = vias
         legs = np.linalg.norm(np.diff(q, axis=0), axis=1)
         s = np.append(0.0, np.cumsum(np.sqrt(legs)))
         s *= legs.sum() / s[-1]
-        poses = [point.target if point.is_pose else robot.fk(x) for point, x in zip(given, q[1:], strict=True)]
+        poses = [point.target if point.is_pose else robot.fk(x) for point, x in zip(vias, q[1:], strict=True)]
         self.vias = tuple(
             Via(float(at), x, se3.nearest_pose(pose), point.tolerance)
-            for at, x, pose, point in zip(s[1:-1], q[1:-1], poses[:-1], given[:-1], strict=True)
+            for at, x, pose, point in zip(s[1:-1], q[1:-1], poses[:-1], vias[:-1], strict=True)
         )
         for parts in (SPANS_DIRECT,) if len(legs) == 1 else SPANS_PER_LEG:
             inner = np.unique(np.concatenate([np.linspace(a, b, parts + 1)[:-1] for a, b in itertools.pairwise(s)])[1:])
@@ -345,8 +345,7 @@ class PointToPoint(PiecewisePath):
         names = "robot", "fingerprint", "knots", "coefficients", "vias", "corners"
         name, fingerprint, knots, coefficients, vias, corners = fields(data, cls.name, *names)
         robot = check_recorded(robot, name, fingerprint)
-        if not isinstance(vias, list):
-            raise InvalidInput("vias", repr(vias)[:60], "a list of vias")
+        check_kind(vias, "vias", list, "a list of vias")
         spline, vias = ControlCurve.between(read_breaks(knots)), tuple(_read_via(via, robot.n) for via in vias)
         coefficients = read_numbers(coefficients, (spline.count, robot.n), "coefficients")
         if corners is not None:

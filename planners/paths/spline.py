@@ -227,11 +227,11 @@ class Spline(PiecewisePath):
         z = self._curve.at((self.breaks[:-1, None] + np.diff(self.breaks)[:, None] * u).ravel())
 
         def below(samples: Sequence[Array], highest: Array) -> list[Array]:
-            found = [(1.0 + ROUNDING) * highest]
+            bounds = [(1.0 + ROUNDING) * highest]
             for each in reversed(samples):
                 size = np.linalg.norm(each.reshape(spans, u.size, -1), axis=2).max(axis=1)
-                found.insert(0, (1.0 + ROUNDING) * size + half * found[0])
-            return found
+                bounds.insert(0, (1.0 + ROUNDING) * size + half * bounds[0])
+            return bounds
 
         def derivatives(part: slice) -> list[Array]:
             size = np.linalg.norm(self._curve.knots.control_points(self._curve.coefficients[:, part], 4), axis=1)

@@ -118,8 +118,8 @@ def read_joint_waypoints(robot: Robot, table: TextTable, unit: str | None) -> li
     for row, i in np.argwhere(allowed < LEAST_VIA_TOLERANCE)[:1]:
         place, got = chosen.locate(row, tolerances[i]), chosen.read_cells(row, [tolerances[i]])[0]
         raise InvalidInput(place, got, f"a tolerance of at least {LEAST_VIA_TOLERANCE:g} m or rad, or an empty cell")
-    tolerance, given = iter(allowed.tolist()), zip(at_poses.astype(int), with_tolerance, strict=True)
-    return [JointWaypoint(next(targets[kind]), tuple(next(tolerance)) if has else None) for kind, has in given]
+    tolerance, kinds = iter(allowed.tolist()), zip(at_poses.astype(int), with_tolerance, strict=True)
+    return [JointWaypoint(next(targets[kind]), tuple(next(tolerance)) if has else None) for kind, has in kinds]
 
 
 def _find_filled(table: TextTable, names: Iterable[str]) -> Flags:

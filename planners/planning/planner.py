@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from optik import newton
 from optik.arm.robot import Robot
-from optik.check import check_number
+from optik.check import check_kind, check_number
 from optik.errors import InvalidInput, NoSolution
 from optik.ik import IKSolver, SolverLike
 from optik.ik.base import Tolerance
@@ -60,12 +60,10 @@ class PlanOptions:
     time_limit: float | None = None
 
     def __post_init__(self) -> None:
-        if not isinstance(self.limits, MotionLimits):
-            raise InvalidInput("limits", repr(self.limits)[:60], "an object of the class MotionLimits")
+        check_kind(self.limits, "limits", MotionLimits, "an object of the class MotionLimits")
         if self.duration is not None:
             check_number(self.duration, "duration", "seconds above 0", above=0.0)
-        if not isinstance(self.strict, bool):
-            raise InvalidInput("strict", repr(self.strict)[:60], "True or False")
+        check_kind(self.strict, "strict", bool, "True or False")
 
 
 @dataclass(frozen=True)

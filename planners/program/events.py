@@ -144,24 +144,24 @@ def list_places(
     corner nearest to the programmed corner is the end of the one part and the start of the other.
     """
     i = find_part(parts, event.part)
-    own, label = parts[i].path, f"the part {event.part!r}"
+    along, label = parts[i].path, f"the part {event.part!r}"
     if isinstance(event, PathEvent) and event.fraction is not None:
-        at = np.array([event.fraction * own.end])
-    elif own.in_joints:
+        at = np.array([event.fraction * along.end])
+    elif along.in_joints:
         argument = "distance" if isinstance(event, PathEvent) else "spacing"
         got = f"a distance along {label}, whose path is in joint space"
         raise InvalidInput(argument, got, "fraction=, from 0 to 1")
     elif isinstance(event, PeriodicEvent):
-        if own.end / event.spacing > MOST_EVENTS:
-            raise InvalidInput("spacing", f"{event.spacing:g}", f"at least {own.end / MOST_EVENTS:g} for {label}")
-        at = event.spacing * np.arange(np.floor(own.end / event.spacing * (1.0 + PASSED)) + 1.0)
+        if along.end / event.spacing > MOST_EVENTS:
+            raise InvalidInput("spacing", f"{event.spacing:g}", f"at least {along.end / MOST_EVENTS:g} for {label}")
+        at = event.spacing * np.arange(np.floor(along.end / event.spacing * (1.0 + PASSED)) + 1.0)
     else:
         assert event.distance is not None
-        at = np.array([event.distance if event.distance >= 0.0 else own.end + event.distance])
-        if not -PASSED * own.end <= at[0] <= (1.0 + PASSED) * own.end:
-            expected = f"at most the length of {label}, {own.end:.6g} {own.unit}"
-            raise InvalidInput("distance", f"{event.distance:g} {own.unit}", expected)
-    return [_bend(parts, corners, path, i, x) for x in np.clip(at, 0.0, own.end).tolist()]
+        at = np.array([event.distance if event.distance >= 0.0 else along.end + event.distance])
+        if not -PASSED * along.end <= at[0] <= (1.0 + PASSED) * along.end:
+            expected = f"at most the length of {label}, {along.end:.6g} {along.unit}"
+            raise InvalidInput("distance", f"{event.distance:g} {along.unit}", expected)
+    return [_bend(parts, corners, path, i, x) for x in np.clip(at, 0.0, along.end).tolist()]
 
 
 def _bend(parts: tuple[Any, ...], corners: tuple[Corner, ...], path: Path, i: int, x: float) -> float:

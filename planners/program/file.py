@@ -36,7 +36,7 @@ from optik.arm.inertia import Payload
 from optik.arm.model import check_range, unit_factors
 from optik.arm.plain import read_list, read_pose, read_record, read_vector, read_word
 from optik.arm.robot import Robot
-from optik.check import check_flag, check_number, locate_error
+from optik.check import check_flag, check_kind, check_number, locate_error
 from optik.errors import InvalidInput, OptikError
 from optik.file_io import decode_text, parse_toml, read_bytes
 from optik.plugins.files import find_nearest_name, is_path
@@ -274,8 +274,7 @@ class _Reader:
             raise InvalidInput("blend_rotation_deg", f"{row['blend_rotation_deg']!r} without blend_mm", "blend_mm, too")
 
     def _read_item(self, robot: Robot, row: Any, pose: Array | None, rows: list[Any]) -> Item:
-        if not isinstance(row, Mapping):
-            raise InvalidInput("part", repr(row)[:60], "a table")
+        check_kind(row, "part", Mapping, "a table")
         if "dwell_s" in row:
             read_record(row, ("dwell_s",), "keys")
             return Dwell(self._number(row, "dwell_s") or 0.0)
@@ -387,7 +386,7 @@ class _Reader:
             keys = ", ".join(row) or "no keys"
             raise InvalidInput("event", keys, "signal; and time_s, or part with distance_mm, fraction or spacing_mm")
         (kind,), signal, value = places, row["signal"], row.get("value", 1)
-        given = None if kind == "fraction" else self._number(row, kind)
+        number = None if kind == "fraction" else self._number(row, kind)
         shifts: dict[str, Any] = {key[:-2]: self._number(row, key) for key in ("before_s", "after_s") if key in row}
         for key in shifts if kind in ("time_s", "spacing_mm") else ():
             expected = f"no {key}_s, or a place by distance_mm or fraction"
@@ -396,10 +395,10 @@ class _Reader:
             self._check_place(row["part"], kind, row[kind])
         part = row["part"] - 1 if type(row.get("part")) is int else row.get("part")
         if kind == "time_s":
-            return TimedEvent(given or 0.0, signal, value)
+            return TimedEvent(number or 0.0, signal, value)
         if kind == "spacing_mm":
-            return PeriodicEvent(part, given or 0.0, signal, value)
-        return PathEvent(part, given, signal, value, row.get("fraction"), **shifts)
+            return PeriodicEvent(part, number or 0.0, signal, value)
+        return PathEvent(part, number, signal, value, row.get("fraction"), **shifts)
 
     def _check_place(self, which: Any, key: str, value: float) -> None:
         """Raise InvalidInput for a place that is not on its part, as far as that is known before planning."""

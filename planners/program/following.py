@@ -163,16 +163,16 @@ class PartFollower:
                 raise InvalidInput(
                     "q_start", "None", f"where the arm starts: {self.program.label(k)} is a goal, not a path"
                 )
-            own = part.goal.configurations(robot, np.zeros(1))
-            return [own[0]] if own is not None else self._find_starts(robot, part.goal, None, rooms)
+            known = part.goal.configurations(robot, np.zeros(1))
+            return [known[0]] if known is not None else self._find_starts(robot, part.goal, None, rooms)
         if part.move != "joint":  # for which a configuration is chosen
             return None
         after = zip(self.program.parts[k + 1 :], self.robots[k + 1 :], strict=True)
         paths = (make_part_path(other, part.goal) for other, arm in after if arm is robot)
         path = next((path for path in paths if path is None or path.end > NO_LENGTH), None)
-        found = [] if path is None else self._find_starts(robot, path, q, rooms)
-        if found:
-            return found
+        starts = [] if path is None else self._find_starts(robot, path, q, rooms)
+        if starts:
+            return starts
         usable = None if rooms is None else (lambda x: rooms(x) > 0.0)
         try:
             return [choose_configurations(robot, q, [part.goal], usable)[-1]]

@@ -246,8 +246,8 @@ def sharpen(robot: Robot, path: Path, joints: JointPath | None, before: Sharp | 
 
     If it continues in the direction of the part before, its length is scaled so that |dq/ds| is continuous there.
     """
-    own = isinstance(path, JointLine | PointToPoint)
-    if own:  # septics between its breaks are the path itself
+    exact = isinstance(path, JointLine | PointToPoint)
+    if exact:  # septics between its breaks are the path itself
         s = path.breaks
         values = np.stack([np.asarray(path.configurations(robot, s, order)) for order in range(4)], axis=1)
     else:
@@ -262,7 +262,7 @@ def sharpen(robot: Robot, path: Path, joints: JointPath | None, before: Sharp | 
         factor = sizes[1] / sizes[0] if a @ b > STRAIGHT_ON * sizes[0] * sizes[1] else factor
     scale = factor ** np.arange(1, 4)[:, None]
     curve = JointCurve(robot, s * factor, values[:, 0], values[:, 1:] / scale, breaks=s[[0, -1]] * factor)
-    return Sharp(curve, path.breaks * factor, 0.0 if own else 2.0 * LEAST_SPACING * factor)
+    return Sharp(curve, path.breaks * factor, 0.0 if exact else 2.0 * LEAST_SPACING * factor)
 
 
 def round_corners(
@@ -284,11 +284,11 @@ def round_corners(
             for k in (i, i + 1):
                 half[k] *= _share(curve) / both
                 why[k] = why[k] or f"it shares a part with the zone {'after' if k == i else 'before'} it"
-    found: list[tuple[Zone | None, str]] = []
+    corners: list[tuple[Zone | None, str]] = []
     for one, two, zone, h, reason in zip(curves[:-1], curves[1:], zones, half, why, strict=True):
         built, narrower = build_zone(robot, one, two, zone, h) if h else (None, "")
-        found.append((built, narrower or reason))
-    return found
+        corners.append((built, narrower or reason))
+    return corners
 
 
 def _share(curve: JointCurve) -> float:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from optik.arm.inertia import Payload
 from optik.arm.robot import Robot
-from optik.check import check_number, real_array
+from optik.check import check_choice, check_kind, check_number, finite_array, real_array
 from optik.errors import InvalidInput
 from optik.se3 import check_pose, nearest_pose
 from optik.types import Array
@@ -59,9 +59,8 @@ class Move:
     frame: str = "tool"
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "vector", _read_finite(self.vector, (3,), "vector", "three numbers [m]"))
-        if self.frame not in FRAMES:
-            raise InvalidInput("frame", repr(self.frame)[:60], '"tool" or "base"')
+        object.__setattr__(self, "vector", finite_array(self.vector, "vector", "three numbers [m]", (3,)))
+        check_choice(self.frame, "frame", FRAMES)
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +100,7 @@ class Part:
             raise InvalidInput("goal", "the path of a program", "the parts of that program, or the path of one section")
         if not isinstance(self.goal, Path | Move):
             expected = "joints (n,), a pose (4, 4), a Move or a Path"
-            goal = _read_finite(self.goal, np.shape(self.goal), "goal", expected)
+            goal = finite_array(self.goal, "goal", expected)
             if goal.ndim != 1 and goal.shape != (4, 4):
                 raise InvalidInput("goal", f"shape {goal.shape}", expected)
             object.__setattr__(self, "goal", check_pose(goal, "goal") if goal.ndim == 2 else goal.copy())
@@ -197,11 +196,11 @@ class ToolChange:
             robot = robot.with_tool(self.tool)
         if isinstance(self.payload, Keep):
             return robot
-        given = self.payload if isinstance(self.payload, Payload) or self.payload is None else Payload(self.payload)
-        if given is None:
+        payload = self.payload if isinstance(self.payload, Payload) or self.payload is None else Payload(self.payload)
+        if payload is None:
             return robot.with_payload(None)
         shapes = None if isinstance(self.shapes, Keep) else self.shapes
-        return robot.with_payload(given.mass, given.com, given.inertia, shapes)
+        return robot.with_payload(payload.mass, payload.com, payload.inertia, shapes)
 
 
 Item = Part | Dwell | ToolChange
@@ -227,8 +226,7 @@ class Program:
             raise InvalidInput("items", repr(items)[:60], expected)
         given = tuple(items)
         for item in given:
-            if not isinstance(item, Part | Dwell | ToolChange):
-                raise InvalidInput("items", repr(item)[:60], expected)
+            check_kind(item, "items", Part | Dwell | ToolChange, expected)
         self.items: tuple[Item, ...] = tuple(copy(item) for item in given)  # one item may be given twice
         self.parts = tuple(item for item in self.items if isinstance(item, Part))
         if not self.parts:
@@ -301,11 +299,3 @@ def make_part_path(part: Part, pose: Array | None) -> Path | None:
     if isinstance(part.goal, Move) and pose is None:
         pose = np.eye(4)  # its length is known
     return None if pose is None else Line(pose, displace(pose, part.goal))
-
-
-def _read_finite(value: Any, shape: tuple[int, ...], argument: str, expected: str) -> Array:
-    """Return an array of finite numbers of this shape."""
-    array = real_array(value, argument, expected, shape)
-    if not np.isfinite(array).all():
-        raise InvalidInput(argument, "NaN or infinity in it", expected)
-    return array

@@ -14,7 +14,7 @@ import scipy
 
 from optik import newton
 from optik.arm.robot import Robot
-from optik.check import check_number, format_count
+from optik.check import check_kind, check_number, format_count
 from optik.errors import InvalidInput, NoSolution
 from optik.ik import get_solver, solve_ik
 from optik.ik.problem import check_start
@@ -22,7 +22,6 @@ from optik.scene import Scene
 from optik.types import Array
 from planners.certificate.certification import SectionTimes, find_section_times, limits_of_parts, merge_certificates
 from planners.following.branches import CollisionCheck
-from planners.following.failure import PlanFailure
 from planners.following.joint_path import JointPath
 from planners.following.resolve.freedoms import FreeWay, Resolver, can_resolve
 from planners.limits import TOOL_SPEEDS, MotionLimits
@@ -159,21 +158,19 @@ class ProgramPlan(Plan):
             The plan failed: there is no motion.
         """
         expected = "a list of PathEvent, PeriodicEvent and TimedEvent"
-        if not isinstance(events, Iterable):
-            raise InvalidInput("events", repr(events)[:120], expected)
-        given = tuple(events)
-        for event in given:
-            if not isinstance(event, PathEvent | PeriodicEvent | TimedEvent):
-                raise InvalidInput("events", repr(event)[:60], expected)
+        check_kind(events, "events", Iterable, expected)
+        scheduled = tuple(events)
+        for event in scheduled:
+            check_kind(event, "events", PathEvent | PeriodicEvent | TimedEvent, expected)
         self._require_motion()
         if period is not None:
             check_number(period, "period", "a servo period above 0 [s]", above=0.0)
-        found = replace(self, scheduled=given, period=period)
-        for one in found._list_events():
+        plan = replace(self, scheduled=scheduled, period=period)
+        for one in plan._list_events():
             if not 0.0 <= one.t <= self.duration:
                 allowed = f"times in [0, {self.duration:.6g}] s"
                 raise InvalidInput("events", f"{one.signal!r} at t = {one.t:.6g} s", allowed)
-        return found
+        return plan
 
     @cached_property
     def events(self) -> tuple[Event, ...]:
@@ -185,10 +182,10 @@ class ProgramPlan(Plan):
         """Return the events at the places that the motion covers, in the order in which they were given."""
         assert isinstance(self.path, ProgramPath)
         first, last = (0.0, self.path.end) if self.span is None else self.span
-        found = []
+        events = []
         for spec in self.scheduled:
             if isinstance(spec, TimedEvent):
-                found.append(Event(spec.t, spec.signal, spec.value))
+                events.append(Event(spec.t, spec.signal, spec.value))
                 continue
             section = max(self.parts[find_part(self.parts, spec.part)].section, 0)
             places = list_places(self.parts, self.corners, self.path, spec)
@@ -200,8 +197,8 @@ class ProgramPlan(Plan):
             for s in places:
                 if first <= s + SAME_PLACE * self.path.end and s <= last + SAME_PLACE * self.path.end:
                     t = find_time(self, joints, start, s, when) - before
-                    found.append(Event(t, spec.signal, spec.value, s, before))
-        return found
+                    events.append(Event(t, spec.signal, spec.value, s, before))
+        return events
 
     @property
     def _title(self) -> str:
@@ -342,17 +339,17 @@ def reconfigure(
         return failed
     collision = None if failed.scene is None else CollisionCheck(failed.robot, failed.scene)
     resolver = Resolver(failed.robot, path, collision, time_limit)
-    found, made = resolver.find(q, held=held, many=True, cuts=max(most, MOST_ADVISED))
-    if not found or not made.cuts:
+    sequences, resolution = resolver.find(q, held=held, many=True, cuts=max(most, MOST_ADVISED))
+    if not sequences or not resolution.cuts:
         return failed
     assert failed.failure is not None
-    count = len(made.cuts)
+    count = len(resolution.cuts)
     if count > most:
-        at = ", ".join(f"{s:.4g}" for s in made.cuts)
+        at = ", ".join(f"{s:.4g}" for s in resolution.cuts)
         some = f"{count} reconfiguration{'s' if count > 1 else ''}, at s = {at} {path.unit}"
         advice = f"reconfigurations={count}: a way with {some}, was found, which stops there"
         return replace(failed, failure=replace(failed.failure, advice=f"{advice}; or {failed.failure.advice}"))
-    ways = resolver.relax([part for part in found[0] if len(part.s) > 1])
+    ways = resolver.relax([part for part in sequences[0] if len(part.s) > 1])
     last = failed
     for retreat in RETREATS:
         try:
@@ -362,7 +359,7 @@ def reconfigure(
         last = plan_program(Program(items), ways[0].q[0])
         if last:
             break
-    return replace(last, resolution=made)
+    return replace(last, resolution=resolution)
 
 
 def list_items(robot: Robot, path: Path, ways: list[FreeWay], retreat: float, *, avoid: bool) -> list[Item]:
@@ -452,14 +449,14 @@ class ProgramPlanner(PartFollower):
             for planned in self._plan_group(group):
                 if isinstance(planned, FailedPart):
                     return self.fail(planned, legs, sections)
-                plan, places, own, chosen = planned
+                plan, places, rounded, chosen = planned
                 for leg, a, b in zip(chosen, places[:-1], places[1:], strict=True):
                     name = self.program.parts[leg.part].name
                     alone = len(chosen) == 1  # a plan chooses the shape of a part alone
                     joints = None if alone or isinstance(leg.path, EXACT) else leg.joint_path
                     path = plan.path if alone else leg.path
                     parts.append(PartRecord(name, path, len(sections), at + a, at + b, joints))
-                corners += [replace(c, part=chosen[c.part].part, begin=c.begin + at, end=c.end + at) for c in own]
+                corners += [replace(c, part=chosen[c.part].part, begin=c.begin + at, end=c.end + at) for c in rounded]
                 sections.append(plan)
                 at += plan.path.end
         for leg in legs:
@@ -488,39 +485,35 @@ class ProgramPlanner(PartFollower):
             sharp.append(sharpen(robot, leg.path, leg.joint_path, sharp[-1] if sharp else None))
         while True:
             scaled = [zone * NARROWER**k for zone, k in zip(zones, tries, strict=True)]
-            made = round_corners(robot, sharp, scaled, tolerance) if n > 1 else []
-            stops = [i for i, (zone, _) in enumerate(made) if zone is None or tries[i] > MOST_NARROWER]
+            rounded = round_corners(robot, sharp, scaled, tolerance) if n > 1 else []
+            stops = [i for i, (zone, _) in enumerate(rounded) if zone is None or tries[i] > MOST_NARROWER]
             out: list[tuple[Plan, Array, list[Corner], list[Leg]]] = []
             ends, again = [-1, *stops, n - 1], -1
             for a, b in itertools.pairwise(ends):
-                own = range(a + 1, b + 1)
-                inside = [(made[i][0], reasons[i] or made[i][1]) for i in own[:-1]]
-                chosen, edges = [legs[i] for i in own], [sharp[i] for i in own] if n > 1 else []
+                members = range(a + 1, b + 1)
+                inside = [(rounded[i][0], reasons[i] or rounded[i][1]) for i in members[:-1]]
+                chosen, edges = [legs[i] for i in members], [sharp[i] for i in members] if n > 1 else []
                 plan, places, corners = self._plan_section(chosen, edges, inside)
-                for i, corner in zip(own, corners, strict=False):
+                for i, corner in zip(members, corners, strict=False):
                     corners[i - a - 1] = replace(corner, zone=tuple(zones[i].tolist()))
                 if not plan:
                     assert plan.failure is not None
-                    again = a + 1 + self._nearest_corner(plan.failure, places) if len(own) > 1 else -1
+                    nearest = np.abs(places[1:-1] - plan.failure.s)
+                    again = a + 1 + int(nearest.argmin()) if len(members) > 1 else -1
                     if again < 0:
-                        yield self.explain(legs[own[0]].part, plan.path, plan.failure, plan.prefix)
+                        yield self.explain(legs[members[0]].part, plan.path, plan.failure, plan.prefix)
                         return
                     ended = "in contact" if plan.status is PlanStatus.CONTACT else str(plan.status).replace("_", " ")
                     reasons[again] = f"the motion with a wider corner is {ended}"
                     break
                 if b < n - 1:
-                    why = reasons[b] or made[b][1]
+                    why = reasons[b] or rounded[b][1]
                     corners.append(Corner(b - a - 1, tuple(zones[b].tolist()), (0.0, 0.0), places[-1], places[-1], why))
                 out.append((plan, places, corners, chosen))
             if again < 0:
                 yield from out
                 return
             tries[again] += 1
-
-    @staticmethod
-    def _nearest_corner(failure: PlanFailure, places: Array) -> int:
-        """Return the corner of a section that is nearest to the place of its failure."""
-        return int(np.abs(places[1:-1] - failure.s).argmin())
 
     def _plan_section(
         self, legs: list[Leg], sharp: list[Sharp], zones: list[tuple[Any, str]]

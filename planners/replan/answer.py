@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optik.check import check_number
+from optik.check import check_kind, check_number
 from optik.errors import InvalidInput, NoSolution
 from optik.ik.base import Tolerance, ToleranceLike
 from optik.scene import Scene
@@ -80,23 +80,23 @@ def replan_program(
             raise InvalidInput("state", got, "a moving state; this one has already stopped")
         covered = onward
     else:
-        given = {key: own for key, own in conditions[i].items() if changed[key] is not None}
-        sections[i] = one(section, state if measured else t - times[k].begin, **changed | given)
+        current = {key: options for key, options in conditions[i].items() if changed[key] is not None}
+        sections[i] = one(section, state if measured else t - times[k].begin, **changed | current)
         if not sections[i]:
             return _name_part(running, i, sections[i])
         covered, left = range(i, i + 1) if stop else range(i, len(sections)), 0.0
     if not stop:
         for j in onward:
-            own = changed | conditions[j]
+            options = changed | conditions[j]
             if changed["timing"] is None and conditions[j] == {key: getattr(sections[j], key) for key in conditions[j]}:
                 continue  # after a stop, sections may have older limits
             chosen = isinstance(sections[j].path, FreePath | PointToPoint)  # a plan would choose another shape
-            sections[j] = one(sections[j], 0.0, **own) if chosen else _plan_again(sections[j], own)
+            sections[j] = one(sections[j], 0.0, **options) if chosen else _plan_again(sections[j], options)
             if not sections[j]:
                 return _name_part(running, j, sections[j])
     span = covered, max(left, 0.0)
-    found = build_plan(sections, running.waits, running.parts, running.corners, limits, scene, span)
-    return replace(found, scheduled=tuple(_list_ahead(running, t)), period=running.period)
+    plan = build_plan(sections, running.waits, running.parts, running.corners, limits, scene, span)
+    return replace(plan, scheduled=tuple(_list_ahead(running, t)), period=running.period)
 
 
 def _begin_of_wait(times: Sequence[SectionTimes], t: float) -> float:
@@ -258,11 +258,9 @@ def replan(
 
 def _check_plan(plan: Plan, stop: bool, time_limit: float) -> Trajectory:
     """Return the motion of a plan; raise InvalidInput for a plan without one, and for invalid options."""
-    if not isinstance(stop, bool):
-        raise InvalidInput("stop", repr(stop)[:60], "True or False")
+    check_kind(stop, "stop", bool, "True or False")
     check_number(time_limit, "time_limit", "seconds, at least 0", least=0.0)
-    if not isinstance(plan, Plan):
-        raise InvalidInput("plan", repr(plan)[:60], "a plan with a motion")
+    check_kind(plan, "plan", Plan, "a plan with a motion")
     try:
         return plan.trajectory
     except NoSolution:

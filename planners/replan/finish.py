@@ -55,8 +55,8 @@ def stretch_to_ends(plan: P, rms_torque: ArrayLike | None, cycle: float | None, 
         if (reached <= limits).all() and (most is None or _rms_ratio(slower, most, 1.0, cycle) <= 1.0):
             return _store_step(slower, step)
     both = (plan.stretched(float(min(4.0 * first, factors[-1]))), slower)
-    found = [_find_longest_stops(x, x.duration / CHECKED_STEPS, np.full(2, np.inf), place)[0] for x in both]
-    least = np.min(found, axis=0)
+    longest = [_find_longest_stops(x, x.duration / CHECKED_STEPS, np.full(2, np.inf), place)[0] for x in both]
+    least = np.min(longest, axis=0)
     texts = f"a stopping time of {least[0]:.6g} s", f"a stopping distance of {least[1]:.6g} {plan.path.unit}"
     words = [text for text, limit in zip(texts, limits, strict=True) if limit < np.inf]
     longer = f"with durations of {both[0].duration:.6g} and {both[1].duration:.6g} s"

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optik.check import check_number, real_array
+from optik.check import check_kind, check_number, finite_array
 from optik.errors import InvalidInput, NoSolution
 from optik.ik.base import Tolerance
 from optik.scene import Scene
@@ -100,24 +100,24 @@ def build_moving_state(
 ) -> MovingState:
     """Return the moving state for a time of the running motion, or for measured values; raise InvalidInput for others."""
     if isinstance(state, tuple | list):
-        given = check_measured(plan, state)
-        t = find_nearest_time(running, given)
-        if t > running.end - BEFORE_END and (given[1].any() or given[2].any()):  # noise hides whether it has ended
+        measured = check_measured(plan, state)
+        t = find_nearest_time(running, measured)
+        if t > running.end - BEFORE_END and any(x.any() for x in measured[1:]):  # noise hides whether it has ended
             t = max(running.end - BEFORE_END, 0.0)
-        own = _state_at(running, t)
-        off = [float(np.abs(x - y).max()) for x, y in zip(given, own, strict=True)]
-        if not all(each <= most for each, most in zip(off, _find_tolerances(given), strict=True)):
-            return _build_state_off_motion(plan, running, given, t)
+        planned = _state_at(running, t)
+        off = [float(np.abs(x - y).max()) for x, y in zip(measured, planned, strict=True)]
+        if not all(each <= most for each, most in zip(off, _find_tolerances(measured), strict=True)):
+            return _build_state_off_motion(plan, running, measured, t)
         error: tuple[float, float, float] | None = (off[0], off[1], off[2])
     else:
         t, error = check_number(state, "state", f"a time in [0, {running.end:.9g}]", least=0.0), None
         if t > running.end:
             raise InvalidInput("state", f"the time {t:.9g}", f"a time in [0, {running.end:.9g}]")
-        own = _state_at(running, t)
+        planned = _state_at(running, t)
     left, joints = t < running.end - ENDED, plan.joint_path
-    at = path_state(joints, s_at(plan, t), own)
+    at = path_state(joints, s_at(plan, t), planned)
     standing = at.speed <= STANDING and abs(at.acceleration) <= STANDING
-    still = standing if error is not None else not (left and own[1].any())
+    still = standing if error is not None else not (left and planned[1].any())
     if standing and (error is not None or not left):  # speed and acceleration are rounding and noise
         at = at._replace(speed=0.0, acceleration=0.0)
     if at.s >= joints.end * (1.0 - 1e-9) and not left:
@@ -166,10 +166,8 @@ def check_measured(plan: Plan, state: tuple[ArrayLike, ArrayLike, ArrayLike] | l
     n = plan.robot.n
     if len(state) != 3:
         raise InvalidInput("state", f"{len(state)} parts", "a time, or position, velocity and acceleration")
-    q, dq, ddq = (real_array(x, "state", f"{n} numbers each") for x in state)
-    if any(x.shape != (n,) or not np.isfinite(x).all() for x in (q, dq, ddq)):
-        raise InvalidInput("state", "another shape, NaN or infinity", f"three arrays of {n} finite numbers")
-    return q.copy(), dq.copy(), ddq.copy()
+    q, dq, ddq = (finite_array(x, "state", f"three arrays of {n} finite numbers", (n,)).copy() for x in state)
+    return q, dq, ddq
 
 
 def _find_tolerances(given: State) -> tuple[float, float, float]:
@@ -301,8 +299,7 @@ def build_request(
     law = make_law(timing) if timing is not None else _own_law(plan)
     allow: tuple[str, ...] = ()
     limits, enforced = plan.limits if limits is None else limits, plan.certificate.enforced
-    if not isinstance(limits, MotionLimits):
-        raise InvalidInput("limits", repr(limits)[:60], "a MotionLimits")
+    check_kind(limits, "limits", MotionLimits)
     if timing is not None:
         law.need(limits, plan.robot)
     else:  # limits that the plan was allowed to exceed

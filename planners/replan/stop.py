@@ -15,16 +15,8 @@ from planners.following.joint_path import JointPath
 from planners.motion.motion import find_stretch_factor, match_start, stretch_to_limits
 from planners.planning.planner import PlanRequest
 from planners.planning.result import Plan
-from planners.replan.state import (
-    ENDED,
-    MovingState,
-    build_moving_state,
-    certify_motion,
-    explain_infeasible,
-    path_state,
-    run_law,
-    s_at,
-)
+from planners.replan import state
+from planners.replan.state import MovingState, certify_motion, run_law, s_at
 from planners.timing.base import PathState, StopKind, refit
 from planners.timing.brake import Brake, BrakingMotion, RunningMotion
 from planners.timing.optimal import Optimal
@@ -70,7 +62,7 @@ def _stop_later(request: PlanRequest, start: MovingState, first: Plan) -> Plan:
     t = np.inf if step is None else step * (np.floor(start.t / step + 1e-9) + 1.0)
     if step is None or start.rest is None or start.error is not None or t - start.t >= start.rest.end:
         return first
-    checked = _find_stop(replace(request, start_error=None), build_moving_state(plan, plan.trajectory, t), 0.0)
+    checked = _find_stop(replace(request, start_error=None), state.build_moving_state(plan, plan.trajectory, t), 0.0)
     if not checked or (first and first.duration <= t - start.t + checked.duration):
         return first
     motion = join(cut_after(start.rest, t - start.t), checked.trajectory.without_s)
@@ -89,7 +81,7 @@ def _find_stop(request: PlanRequest, start: MovingState, time_limit: float) -> P
         end = certify_motion(request, start, start.rest, StopKind.END)
         if end or (end.certificate.clearance is not None and end.certificate.clearance.touches):
             return end
-    return best or request.infeasible(start.plan.joint_path, explain_infeasible(request, start, True))
+    return best or request.infeasible(start.plan.joint_path, state.explain_infeasible(request, start, True))
 
 
 def _sweep_stops(request: PlanRequest, start: MovingState) -> Iterator[Plan]:
@@ -97,16 +89,16 @@ def _sweep_stops(request: PlanRequest, start: MovingState) -> Iterator[Plan]:
     plan, rate = start.plan, start.clock[0]
     running = plan.trajectory
     brake = _brake(request, plan)
-    found: list[BrakingMotion] = []
+    brakings: list[BrakingMotion] = []
     for fraction in LIMIT_FRACTIONS:
-        found.append(brake.run(start.t, start.clock, fraction))
-        if found[-1].smooth or found[-1].end > running.end:
+        brakings.append(brake.run(start.t, start.clock, fraction))
+        if brakings[-1].smooth or brakings[-1].end > running.end:
             break
-    stops = [(braking.motion, braking.end) for braking in found if braking.motion is not None]
+    stops = [(braking.motion, braking.end) for braking in brakings if braking.motion is not None]
     for motion, end in sorted(stops, key=lambda stop: stop[0].end):
         matched = match_start(motion, start.joints, request.limits)
         yield certify_motion(request, start, matched, StopKind.SWEEP, s_at(plan, end))
-    if found[-1].end > running.end:
+    if brakings[-1].end > running.end:
         return
     rest = start.rest
     if rest is None:
@@ -146,7 +138,7 @@ def _refine_stop(request: PlanRequest, start: MovingState, best: Plan, until: fl
     way, longest = best.span[1] - start.at.s, 0.0
     if way < SHORTEST * joints.end:
         return best
-    low, high, factor, found = 0.0, 1.0, FIRST_END, []
+    low, high, factor, shorter = 0.0, 1.0, FIRST_END, []
     while high - low > CLOSE_ENDS:
         began = perf_counter()
         if began + longest > until:
@@ -154,22 +146,22 @@ def _refine_stop(request: PlanRequest, start: MovingState, best: Plan, until: fl
         end = start.at.s + way * factor
         motion = law.run_to(joints, request.limits, start.at, end)
         if motion is not None and motion.duration < best.trajectory.duration:
-            found.append((motion, end))
+            shorter.append((motion, end))
             high = factor
         else:
             low = factor
         factor = high * FIRST_END if low == 0.0 else 0.5 * (low + high)
         longest = max(longest, perf_counter() - began)
     kind, brake = StopKind.OPTIMUM, _brake(request, start.plan)
-    for fraction in () if found else MORE_FRACTIONS:
+    for fraction in () if shorter else MORE_FRACTIONS:
         if perf_counter() > until:
             break
         motion, end, _ = brake.run(start.t, start.clock, fraction)
         if motion is not None and motion.duration < best.trajectory.duration:
-            found.append((motion, s_at(start.plan, end)))
+            shorter.append((motion, s_at(start.plan, end)))
             kind = StopKind.SWEEP
-    found.sort(key=lambda each: each[0].duration)
-    stops = (certify_motion(request, start, match_start(m, start.joints, request.limits), kind, s) for m, s in found)
+    shorter.sort(key=lambda each: each[0].duration)
+    stops = (certify_motion(request, start, match_start(m, start.joints, request.limits), kind, s) for m, s in shorter)
     return next((stop for stop in stops if stop), best)
 
 
@@ -197,7 +189,7 @@ def plan_onward(request: PlanRequest, start: MovingState) -> Plan:
         return later
     if touching is not None:
         return touching
-    return request.infeasible(start.plan.joint_path, explain_infeasible(request, start, False))
+    return request.infeasible(start.plan.joint_path, state.explain_infeasible(request, start, False))
 
 
 def _propose_motions(request: PlanRequest, start: MovingState) -> Iterator[Trajectory]:
@@ -240,17 +232,17 @@ def _meet_limits_later(request: PlanRequest, start: MovingState) -> Plan | None:
             break
         goal = rate / (slower * CLOCK_SLOWER)
         braking = brake.run(t, clock, fraction, goal)
-        if braking.motion is None or braking.end >= running.end - ENDED:
+        if braking.motion is None or braking.end >= running.end - state.ENDED:
             continue
         s = s_at(plan, braking.end)
         slow = cut_before(running, braking.end, s).stretched(1.0 / goal)
         first = match_start(braking.motion, start.joints, limits) if delay == 0.0 else braking.motion
         first = join(cut_after(rest, delay), first) if delay else first
-        found = _continue_slowly(request, start, first, s, slow)
-        if found is not None:
-            return found
-    found = certify_motion(replace(request, before=(limits, rest.end)), start, rest)
-    return found or None
+        answer = _continue_slowly(request, start, first, s, slow)
+        if answer is not None:
+            return answer
+    answer = certify_motion(replace(request, before=(limits, rest.end)), start, rest)
+    return answer or None
 
 
 def _continue_slowly(
@@ -259,7 +251,7 @@ def _continue_slowly(
     """Return the plan of a motion that has braked and continues by the law, or by the slowed running motion."""
     later = replace(request, before=(start.plan_limits, first.end))
     joints = start.plan.joint_path
-    at = path_state(joints, s, (slow(0.0), slow(0.0, 1), slow(0.0, 2)))
+    at = state.path_state(joints, s, (slow(0.0), slow(0.0, 1), slow(0.0, 2)))
     quick = run_law(request, joints, request.limits, at)
     for second in (quick, slow):
         if second is not None and second.duration <= slow.duration:

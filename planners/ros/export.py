@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from optik.arm.motors import Motors, from_maker, maker_names
 from optik.arm.plain import read_list
 from optik.arm.robot import Robot
-from optik.check import check_number
+from optik.check import check_kind, check_number
 from optik.errors import InvalidInput, NoSolution
 from optik.file_io import check_suffix, parse_json, parse_yaml, write_atomically
 from optik.scene.files import LONGEST_DURATION, NANOSECONDS, read_floats, read_time
@@ -109,8 +109,7 @@ def reconstruct(message: Any, names: list[str]) -> Trajectory:
 
 def read_points(message: Any, names: list[str], ignore: Collection[str] = ()) -> MessagePoints:
     """Return the setpoints of a message, or of columns: ``times`` or ``time_from_start``, ``positions`` and others."""
-    if not isinstance(message, dict):
-        raise InvalidInput("content", repr(message)[:60], "a message with joint_names and points")
+    check_kind(message, "content", dict, "a message with joint_names and points")
     order = order_joints(message.get("joint_names"), names, ignore)
     points, clock = message.get("points"), "times" if "times" in message else "time_from_start"
     if (times := message.get(clock)) is not None:
@@ -474,8 +473,7 @@ def _form(motion: Motion, interpolation: str, joint_names: JointNames, frame_id:
 def _checked_rate(motion: Motion, rate: float | None, strict: bool, keep_speed: bool) -> float | None:
     """Return the rate, checked for this motion."""
     for argument, flag in (("strict", strict), ("keep_speed", keep_speed)):
-        if not isinstance(flag, bool):
-            raise InvalidInput(argument, repr(flag)[:60], "True or False")
+        check_kind(flag, argument, bool, "True or False")
     rate = None if rate is None else check_number(rate, "rate", "points per second, above 0", above=0.0)
     _check_ends(motion.trajectory, rate)
     return rate

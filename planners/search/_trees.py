@@ -14,26 +14,9 @@ from optik.arm.shapes.enclosure import complete_frame
 from optik.arm.shapes.hulls import Hulls
 from optik.compiled import compiled, inlined
 from optik.kinematics import Chain, Triple
-from optik.scene import Scene
+from optik.scene import Scene, contact
 from optik.scene.cloud import count_parts
-from optik.scene.contact import (
-    BOX,
-    CLOUD,
-    CYLINDER,
-    HULLS_FROM,
-    MESH,
-    PLANE,
-    ROUND,
-    SELF,
-    Objects,
-    find_nearest,
-    find_pairs,
-    length_between,
-    middle_of,
-    read_row,
-    refine,
-    transform_point,
-)
+from optik.scene.contact import SELF, Objects
 from optik.scene.distance import DISTANCE_ROUNDING, NearestPoint
 from optik.types import Array, Indices
 from planners.certificate.clearance import EndMotion, locate_capsule, turn_between
@@ -60,7 +43,7 @@ MOST_OPEN = 40
 def make_body(robot: Robot, scene: Scene) -> Body:
     """Return the arguments of the checks for an arm and a scene."""
     assert robot.shapes is not None
-    found, radius, arrays = find_pairs(robot, scene), robot.shapes.capsules[3], scene.arrays
+    found, radius, arrays = contact.find_pairs(robot, scene), robot.shapes.capsules[3], scene.arrays
     pairs = found.bodies
     kind, boxes, row = pairs[:, 2], [(np.zeros(3), np.eye(3), np.full(3, np.inf))], np.zeros(len(pairs), np.int64)
     for number, enclosing in _enclose(scene):
@@ -68,7 +51,7 @@ def make_body(robot: Robot, scene: Scene) -> Body:
         row[of_kind] = len(boxes) + pairs[of_kind, 1]
         boxes += enclosing
     thick = radius[pairs[:, 0]] + DISTANCE_ROUNDING + np.where(kind == SELF, 0.0, scene.margin)
-    for number, second in ((SELF, radius), (ROUND, arrays[4])):
+    for number, second in ((SELF, radius), (contact.ROUND, arrays[4])):
         thick[kind == number] += second[pairs[kind == number, 1]]
     flat = np.array([np.concatenate([centre, axes.ravel(), half]) for centre, axes, half in boxes])
     rows = np.column_stack([pairs, row])
@@ -78,22 +61,22 @@ def make_body(robot: Robot, scene: Scene) -> Body:
 def _enclose(scene: Scene) -> Iterator[tuple[int, list[tuple[Array, Array, Array]]]]:
     """Yield each kind of objects, and for each object centre, axes (3, 3) and half edges of a box around it, without radii."""
     box_pose, box_half, a, b, _radius, planes, solids = scene.arrays
-    yield BOX, [(T[:3, 3], T[:3, :3].T, half) for T, half in zip(box_pose, box_half, strict=True)]
+    yield contact.BOX, [(T[:3, 3], T[:3, :3].T, half) for T, half in zip(box_pose, box_half, strict=True)]
     yield (
-        CYLINDER,
+        contact.CYLINDER,
         [(T[[3, 7, 11]], T[:12].reshape(3, 4)[:, :3].T, T[[16, 16, 17]]) for T in solids[: len(scene.cylinders)]],
     )
     corners = [(mesh.min(axis=0), mesh.max(axis=0)) for mesh in scene.meshes]
     last = len(corners) + sum(count_parts(len(points)) for points, _ in scene.clouds)
     corners += [(head[2:5] - head[8], head[5:8] + head[8]) for head in solids[::-1][len(corners) : last]]
     enclosing = [(0.5 * (low + high), np.eye(3), 0.5 * (high - low)) for low, high in corners]
-    yield MESH, enclosing
-    yield CLOUD, enclosing
+    yield contact.MESH, enclosing
+    yield contact.CLOUD, enclosing
     half = 0.5 * np.linalg.norm(b - a, axis=1)
     turn = [_frame_along(d / (2.0 * h) if h > 0.0 else np.eye(3)[2]) for d, h in zip(b - a, half, strict=True)]
-    yield ROUND, [(0.5 * (a[i] + b[i]), turn[i], np.array([0.0, 0.0, half[i]])) for i in range(len(a))]
+    yield contact.ROUND, [(0.5 * (a[i] + b[i]), turn[i], np.array([0.0, 0.0, half[i]])) for i in range(len(a))]
     yield (
-        PLANE,
+        contact.PLANE,
         [
             (x - HALF_SPACE * n, _frame_along(n), np.full(3, HALF_SPACE))
             for x, n in zip(planes[:, :3], planes[:, 3:], strict=True)
@@ -130,9 +113,9 @@ def _distance_from_box(boxes: Array, i: int, p: Triple) -> float:
 @inlined
 def _rough_distance(spheres: Array, boxes: Array, k: int, i: int, kind: int, row: int) -> float:
     """Return a lower bound on the distance of axis k from the second body of a pair, from spheres and boxes around them."""
-    middle = read_row(spheres, k)
+    middle = contact.read_row(spheres, k)
     if kind == SELF:
-        return length_between(middle, read_row(spheres, i)) - float(spheres[k, 3] + spheres[i, 3])
+        return contact.length_between(middle, contact.read_row(spheres, i)) - float(spheres[k, 3] + spheres[i, 3])
     return _distance_from_box(boxes, row, middle) - float(spheres[k, 3])
 
 
@@ -142,7 +125,7 @@ def _hull_gap(
 ) -> float:
     """Return a lower bound on the distance of a pair by its hulls, less the margin and rounding; above `enough` if possible."""
     less = DISTANCE_ROUNDING + (margin if pair[2] != SELF else 0.0)
-    return refine(pair, scene, hulls, frame, enough + less + DISTANCE_ROUNDING, seed)[0] - less
+    return contact.refine(pair, scene, hulls, frame, enough + less + DISTANCE_ROUNDING, seed)[0] - less
 
 
 @inlined
@@ -164,17 +147,17 @@ def find_blocked(body: Body, q: Array, work: Work) -> int:
     work[8][0, 0] = -1.0
     kinematics.frames(chain, q, frame)
     for k in range(link.shape[0]):
-        a = transform_point(frame, link[k], read_row(ends_a, k))
-        b = transform_point(frame, link[k], read_row(ends_b, k))
+        a = contact.transform_point(frame, link[k], contact.read_row(ends_a, k))
+        b = contact.transform_point(frame, link[k], contact.read_row(ends_b, k))
         places[k, 0, 0], places[k, 0, 1], places[k, 0, 2] = a
         places[k, 1, 0], places[k, 1, 1], places[k, 1, 2] = b
-        spheres[k, 0], spheres[k, 1], spheres[k, 2] = middle_of(a, b)
-        spheres[k, 3] = 0.5 * length_between(a, b)
+        spheres[k, 0], spheres[k, 1], spheres[k, 2] = contact.middle_of(a, b)
+        spheres[k, 3] = 0.5 * contact.length_between(a, b)
     for p in range(pairs.shape[0]):
         k, i, kind = pairs[p, 0], pairs[p, 1], pairs[p, 2]
         if _rough_distance(spheres, boxes, k, i, kind, pairs[p, 3]) > thick[p]:
             continue
-        if find_nearest((k, i, kind), scene, places)[0] <= thick[p]:
+        if contact.find_nearest((k, i, kind), scene, places)[0] <= thick[p]:
             if hulls[0].shape[0] > 0 and _hull_gap((k, i, kind), scene, hulls, frame, margin, 0.0, work[8]) > 0.0:
                 continue
             return p
@@ -277,11 +260,11 @@ def find_unproved(body: Body, a: Array, b: Array, deviation: Array, work: Work) 
             shift = max(away[k, 0, base], away[k, 1, base])
             if _rough_distance(spheres, boxes, k, i, kind, pairs[p, 3]) > thick[p] + shift:
                 continue
-            near = find_nearest((k, i, kind), scene, moved[0])
+            near = contact.find_nearest((k, i, kind), scene, moved[0])
             gap, free, speed = near[0] - thick[p], 0.0, 0.0
             if gap > 0.0:
-                free, speed = _free_half(near, gap, moved, k, base, h, slack, kind == CLOUD)
-            if free < h and gap <= HULLS_FROM and hulls[0].shape[0] > 0:
+                free, speed = _free_half(near, gap, moved, k, base, h, slack, kind == contact.CLOUD)
+            if free < h and gap <= contact.HULLS_FROM and hulls[0].shape[0] > 0:
                 rate = shift + (radius[k] + DISTANCE_ROUNDING) * turn_between(joint, chain[1], base, link[k])
                 finer = _hull_gap((k, i, kind), scene, hulls, frame, margin, rate, seed)
                 gap, free = max(gap, finer), max(free, _free_of_hulls(finer, rate, h, slack))

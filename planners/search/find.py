@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from optik import se3
 from optik.arm.limits import LIMIT_TOLERANCE
 from optik.arm.robot import Robot
-from optik.check import check_count
+from optik.check import check_choice, check_count, real_array
 from optik.errors import InvalidInput, NoSolution
 from optik.ik.problem import check_start
 from optik.registry import build_method
@@ -18,7 +18,7 @@ from optik.scene import Scene
 from optik.scene.contact import advise_contact, find_contact
 from optik.types import Array, Flags
 from planners.paths.configurations import find_configurations
-from planners.paths.goal import check_winding, find_continuous
+from planners.paths.goal import WINDINGS, find_continuous
 from planners.search.base import JointSpace, Search, SearchLike, SearchResult, SearchStatus, measure_length
 
 # ---------------- goals of a search
@@ -43,10 +43,7 @@ def list_goals(space: JointSpace, start: Array, goal: ArrayLike, winding: str) -
     """
     robot = space.robot
     expected = f"{robot.n} joints, several rows of them, or a pose (4, 4)"
-    try:
-        array = np.asarray(goal, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
-        raise InvalidInput("goal", repr(goal)[:60], expected) from None
+    array = real_array(goal, "goal", expected)
     turning = find_continuous(robot) if winding == "nearest" else np.zeros(robot.n, np.bool_)
     if array.shape == (4, 4) and (robot.n != 4 or (array[3] == np.eye(4)[3]).all()):
         goals, turning = _find_configurations(space, start, se3.check_pose(array, "goal")), robot.turning
@@ -158,7 +155,7 @@ def find_path(
     check_count(paths, "paths", 1, MOST_PATHS)
     method = _get_search(search, max_samples)
     try:
-        goals, every = list_goals(space, start, goal, check_winding(winding))
+        goals, every = list_goals(space, start, goal, check_choice(winding, "winding", WINDINGS))
     except NoSolution as error:
         return SearchResult(SearchStatus.GOAL_UNREACHABLE, (), 0, error.reason, error.advice)
     if not (starts := space.is_free(start)) or not len(goals):

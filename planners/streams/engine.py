@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from optik.arm.limits import ask_for_degrees
 from optik.arm.robot import Robot
-from optik.check import check_number, real_array
+from optik.check import check_choice, check_kind, check_number, finite_array
 from optik.errors import InvalidInput
 from optik.scene import Scene
 from optik.scene.contact import check_scene
@@ -21,31 +21,11 @@ from optik.types import Array
 from planners.limits import DERIVATIVES, MotionLimits, PathPoints, kind_of, symmetric_limit
 from planners.limits.base import sides
 from planners.paths.goal import find_continuous, unwind
+from planners.streams import motion, result
 from planners.streams.chunk import Chunk, Jog, read_targets, refuse_targets, resolve_poses
-from planners.streams.motion import (
-    APART,
-    BRIEF_REST,
-    LEAST_PACE,
-    OTHER_PART,
-    PLACES,
-    JointCubics,
-    Transfer,
-    build,
-    smooth_pace,
-    sweep_pace,
-    write_joint_rows,
-)
+from planners.streams.motion import BRIEF_REST, OTHER_PART, JointCubics, Transfer
 from planners.streams.reference import MOST_SPANS, SPARE, find_scatter, fit_reference, sample_reference, track_targets
-from planners.streams.result import (
-    PacedReference,
-    Retargeted,
-    RetargetStatus,
-    StreamCertificate,
-    certify_joined,
-    other_limits,
-    state_of,
-    trajectory_of,
-)
+from planners.streams.result import PacedReference, Retargeted, RetargetStatus, StreamCertificate
 from planners.trajectory import Trajectory, cut_before, make_rest, map_joints
 
 SLOWER = (1.0, 0.8, 0.64, 0.64, 0.64)
@@ -123,17 +103,14 @@ class Retargeter:
         align: str = "nearest", longest: float = 0.04, scene: Scene | None = None,
     ) -> None:  # fmt: skip
         self.robot, self.limits = robot, MotionLimits.of(robot) if limits is None else limits
-        if not isinstance(self.limits, MotionLimits):
-            raise InvalidInput("limits", repr(limits)[:60], "an object of the class MotionLimits")
+        check_kind(self.limits, "limits", MotionLimits)
         self.box = _box(robot, self.limits)
         self.tolerance = check_number(tolerance, "tolerance", "a distance [rad, m] above 0", above=0.0)
         self.pace = check_number(pace, "pace", "a number above 0", above=0.0)
         self.longest = check_number(longest, "longest", "seconds above 0", above=0.0)
-        if align not in ("nearest", "clock"):
-            raise InvalidInput("align", repr(align)[:60], "'nearest' or 'clock'")
-        self.align, self.scene = align, scene
+        self.align, self.scene = check_choice(align, "align", ("nearest", "clock")), scene
         check_scene(robot, scene)
-        self.others = other_limits(self.limits)
+        self.others = result.other_limits(self.limits)
         if any(np.ndim(self.limits.value(name)) for name in ("tool_speed", "rotation_speed")):
             raise InvalidInput(
                 "limits", "tool speeds for the segments of a path", "one tool speed for the whole motion"
@@ -149,7 +126,7 @@ class Retargeter:
 
     def run(self, running: Trajectory, at: float, onto: Any) -> Retargeted:
         """Return the motion onto a target, from the running motion's state at a time [s]."""
-        X = np.array(state_of(running, at))
+        X = np.array(result.state_of(running, at))
         status, tries, cut, reason = RetargetStatus.GOAL, len(SLOWER), "", self._refuse_state(X)
         if isinstance(onto, Chunk):
             status, tries = RetargetStatus.JOINED, tries if self.others else 1
@@ -172,13 +149,13 @@ class Retargeter:
             if last.curve is None:
                 reason = reason or last.reason
                 break
-            proof = certify_joined(self.robot, last.curve, self.limits, X, self.scene)
+            proof = result.certify_joined(self.robot, last.curve, self.limits, X, self.scene)
             if proof.is_valid:
                 return Retargeted(status, "", self.robot, self.limits, at, last.curve, proof, cut=cut, **last.facts)
-            reason, box = reason or proof.reasons[0], self._tighten(box, proof, X, trajectory_of(last.curve))
+            reason, box = reason or proof.reasons[0], self._tighten(box, proof, X, result.trajectory_of(last.curve))
         rest = at >= running.end - BRIEF_REST
         kept = make_rest(X[0], 3.0 * BRIEF_REST) if rest else cut_before(running, at)
-        proof = certify_joined(self.robot, kept, self.limits, X, None)
+        proof = result.certify_joined(self.robot, kept, self.limits, X, None)
         return Retargeted(RetargetStatus.KEPT, reason, self.robot, self.limits, at, kept, proof, cut=cut, **last.facts)
 
     def _refuse_state(self, X: Array) -> str:
@@ -321,7 +298,7 @@ class Retargeter:
             if k >= len(found):
                 return _Attempt(None)
             entry, t, goal = found[k]
-            return _Attempt(build(X, goal, entry).onto(curve, t, goal))
+            return _Attempt(motion.build(X, goal, entry).onto(curve, t, goal))
 
         return make
 
@@ -348,7 +325,7 @@ class ChunkFollower:
         self._facts["skipped"] = ceil(s0 * chunk.rate - 1e-9)
         # A chunk observed in the future begins then, if it is entered by its clock.
         self._wait = max(-age, 0.0) if engine.align == "clock" else 0.0
-        self._s = np.linspace(s0, end, int(min(max(PLACES[0], (end - s0) / APART), PLACES[1])))
+        self._s = np.linspace(s0, end, int(min(max(motion.PLACES[0], (end - s0) / motion.APART), motion.PLACES[1])))
         self._R = self._sample(self._s, 4)
 
     def _sample(self, s: Array, orders: int) -> Array:
@@ -378,20 +355,20 @@ class ChunkFollower:
         engine, s, X = self._engine, self._s, self._X
         pace = engine.pace * slower
         rows, cap, x, t = np.empty((s.size, X.shape[1], 4)), np.empty(s.size), np.empty(s.size), np.empty(s.size)
-        write_joint_rows(self._R, box, pace, rows, cap)
+        motion.write_joint_rows(self._R, box, pace, rows, cap)
         rows = self._add_rows(rows, cap, OTHER_PART)
         first = pace
         if engine.pace > 1.0:
             rate = self._R[0, 1]
             first = float(np.clip(rate @ X[1] / max(rate @ rate, 1e-9), 0.05, pace))
-        sweep_pace(s, rows, cap, first * first, min(LEAST_PACE, pace) ** 2, x, t)
+        motion.sweep_pace(s, rows, cap, first * first, min(motion.LEAST_PACE, pace) ** 2, x, t)
         ramp = np.minimum(box[:, 2, 1], -box[:, 2, 0]) / np.minimum(box[:, 3, 1], -box[:, 3, 0])
         width = max(float(ramp.max()), SHORTEST_WINDOW)
         longest = engine.longest * max(1.0, float(t[-1] / (SLOW[0] + SLOW[1] * min((s[-1] - s[0]) / self._h, COUNTED))))
         step = 0.5 * longest
         when = np.arange(0.0, min(t[-1] + 0.5 * width, MOST_PIECES * longest) + 2.0 * step, step)
         out = np.empty_like(when)
-        smooth_pace(s, t, float(np.sqrt(x[0])), width, when, out)
+        motion.smooth_pace(s, t, float(np.sqrt(x[0])), width, when, out)
         return when + self._wait, out, longest
 
     def _add_rows(self, rows: Array, cap: Array, part: float) -> Array:
@@ -437,7 +414,4 @@ def _box(robot: Robot, limits: MotionLimits) -> Array:
 def _joints(value: Any, n: int, argument: str) -> Array:
     """Return finite joint values (n,)."""
     expected = f"a Chunk, a plan, or {n} finite joint values" if argument == "onto" else f"{n} finite numbers"
-    q = real_array(value, argument, expected)
-    if q.shape != (n,) or not np.isfinite(q).all():
-        raise InvalidInput(argument, "NaN or infinity" if q.shape == (n,) else f"shape {q.shape}", expected)
-    return q
+    return finite_array(value, argument, expected, (n,))

@@ -16,7 +16,7 @@ import scipy
 from numpy.typing import ArrayLike
 
 from optik.arm.robot import Robot
-from optik.check import check_flag, check_number, format_value, real_array
+from optik.check import check_flag, check_kind, check_number, format_value, real_array
 from optik.errors import InvalidInput, NoSolution
 from optik.scene import Scene
 from optik.types import Array
@@ -144,8 +144,7 @@ class Stream(Iterator[Setpoint]):
         self, robot: Robot, source: Source, start: ArrayLike | Retargeted | Any, *, rate: float, budget: float,
         silence: float | None, realtime: bool, **options: Any,
     ) -> None:  # fmt: skip
-        if not isinstance(robot, Robot):
-            raise InvalidInput("robot", repr(robot)[:60], "a Robot")
+        check_kind(robot, "robot", Robot)
         if not callable(source):
             raise InvalidInput("source", repr(source)[:60], "a function of the present set-point")
         self.robot, self.rate = robot, check_number(rate, "rate", "set-points per second, above 0", above=0.0)

@@ -15,18 +15,8 @@ from planners.certificate.analysis import MotionAnalysis
 from planners.following.follow import JointPath
 from planners.limits import ALL_LIMITS, MotionLimits, PathPoints
 from planners.motion.motion import find_stretch_factor, stretch_analysed
-from planners.timing._sectional import (
-    LEAST_FLAT,
-    SHORTEST_PHASE,
-    Ramp,
-    RampRatio,
-    RampTable,
-    find_worst,
-    law_of,
-    limit_rows,
-    phases_of,
-    ratio_of,
-)
+from planners.timing import _sectional
+from planners.timing._sectional import Ramp, RampRatio, RampTable
 from planners.timing.base import TimeLaw, refit, speed_bound
 from planners.timing.interior_point.programme import select_spaced, sweep_joint_path
 from planners.timing.interior_point.rows import derivatives
@@ -46,7 +36,7 @@ KNOTS_APART = 2e-4
 """Least time [s] between knots of s(t) in motions of at least a second, or its fraction of a shorter motion. A corner in which
 the joints reach their limits takes many times as long."""
 RAMP_SHAPES = [(r, f) for r in (0.49, 0.35, 0.2, 0.1, 0.05) for f in (0.49, 0.35, 0.2, 0.1, 0.05)] + [
-    (x, 1.0 - LEAST_FLAT - x) for x in (0.15, 0.25, 0.35, 0.65, 0.75, 0.85)
+    (x, 1.0 - _sectional.LEAST_FLAT - x) for x in (0.15, 0.25, 0.35, 0.65, 0.75, 0.85)
 ]
 """Fractions of a ramp in which its acceleration rises and falls."""
 RAMP_LENGTHS = (1.0, 0.9, 0.75)
@@ -83,7 +73,7 @@ class ConstantSpeed(TimeLaw):
             raise InvalidInput("ramp", ramp, "a fraction above 0, at most 0.5")
 
     def _time(self, joint_path: JointPath, limits: MotionLimits) -> MotionAnalysis:
-        shortest = min(SHORTEST_PHASE, 0.01 * least_duration(joint_path, limits))
+        shortest = min(_sectional.SHORTEST_PHASE, 0.01 * least_duration(joint_path, limits))
         distance = _distance(joint_path, limits)
         if self.speed is not None:
             motion = self._quickest(distance, self.speed, shortest)
@@ -194,7 +184,9 @@ def _distance(joint_path: JointPath, limits: MotionLimits) -> _Distance:
     bent |= np.append(bent[1:], False) | np.append(False, bent[:-1])
     rates = np.stack([1.0 / c, -c1 / c**3, (3.0 * c1**2 - c * c2) / c**5])
     q, *orders = derivatives(joint_path, s)
-    along = limit_rows(limits, PathPoints(joint_path, s, (q, *apply_chain_rule(orders, [y[:, None] for y in rates]))))
+    along = _sectional.limit_rows(
+        limits, PathPoints(joint_path, s, (q, *apply_chain_rule(orders, [y[:, None] for y in rates])))
+    )
     x = np.concatenate([[0.0], np.cumsum(cells)])
     table = RampTable(x, 1.0 / (speed_bound(joint_path, limits, s) * c), along)
     return _Distance(joint_path, limits, s, rates, bent & knots, table, turning)
@@ -244,7 +236,7 @@ def _cruising(what: RampTable, start: float, end: float) -> tuple[int, float]:
 def _slowdown_factor(what: RampTable, ramp: Ramp, most: float = np.inf) -> float:
     """Return the factor by which a ramp must be slowed, from as many instants as points; infinite if it is above `most`."""
     inside = int(np.searchsorted(what.s, ramp.s1) - np.searchsorted(what.s, ramp.s0))
-    return ratio_of(what, ramp, max(24, inside), most)
+    return _sectional.ratio_of(what, ramp, max(24, inside), most)
 
 
 def _is_quick(ramp: Ramp, slow: float, shortest: float) -> bool:
@@ -309,7 +301,7 @@ def _law(distance: _Distance, ramps: list[Ramp]) -> scipy.interpolate.PPoly:
     chain = [first, second]
     if second.s0 > first.s1:
         chain.insert(1, Ramp(first.s1, first.v1, second.s0, second.v0, 0.49, 0.49))
-    x_law = law_of(chain, [phases_of(ramp) for ramp in chain])
+    x_law = _sectional.law_of(chain, [_sectional.phases_of(ramp) for ramp in chain])
     places, switches, end = distance.table.s, x_law.x, float(x_law.x[-1])
     inner = np.flatnonzero(distance.knots[1:-1]) + 1
     t, apart = find_times(x_law, places[inner], end), KNOTS_APART * min(1.0, end)
@@ -342,7 +334,7 @@ def _find_worst(distance: _Distance, ramps: list[Ramp], speed: float) -> tuple[R
     found = _judge(distance, k, [np.array([y]) for y in (speed, 0.0, 0.0)])
     in_ramp = False
     for ramp in (first._replace(v1=speed), second._replace(v0=speed)):
-        law = law_of([ramp], [phases_of(ramp)])
+        law = _sectional.law_of([ramp], [_sectional.phases_of(ramp)])
         near = np.arange(np.searchsorted(what.s, ramp.s0), np.searchsorted(what.s, ramp.s1))
         t = find_times(law, what.s[near], float(law.x[-1]))
         rates = [law(t, order) for order in (1, 2, 3)]
@@ -355,7 +347,7 @@ def _find_worst(distance: _Distance, ramps: list[Ramp], speed: float) -> tuple[R
 def _judge(distance: _Distance, at: Indices, rates: Sequence[Array]) -> RampRatio:
     """Return the most exceeded limit at points of the table, for a speed, acceleration and jerk along the distance."""
     along_path = apply_chain_rule(list(distance.rates[:, at]), list(rates))
-    return find_worst(distance.joint_path, distance.limits, distance.s[at], *along_path)
+    return _sectional.find_worst(distance.joint_path, distance.limits, distance.s[at], *along_path)
 
 
 def _round_down(x: float) -> float:

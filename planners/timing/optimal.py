@@ -15,7 +15,8 @@ from optik.errors import NoSolution
 from optik.types import Array
 from planners.certificate.analysis import MotionAnalysis
 from planners.following.follow import JointPath
-from planners.limits import ALL_LIMITS, DERIVATIVES, MotionLimits, kind_of, tool_limits_between
+from planners.limits import ALL_LIMITS, DERIVATIVES, MotionLimits, kind_of
+from planners.limits.motion_limits import tool_limits_between
 from planners.motion.motion import FIRST_MARGIN, is_within, match_start, stretch_analysed, stretch_to_limits
 from planners.timing.base import QUIET, PathState, TimeLaw, refit
 from planners.timing.interior_point import iteration
@@ -236,7 +237,8 @@ class Optimal(TimeLaw):
     def _run(self, joint_path: JointPath, limits: MotionLimits, density: float = 1.0) -> tuple[MotionAnalysis, Optimum]:
         """Return the motion without an average, with its analysis, and the optimum."""
         enforced = self.list_enforced(limits)
-        inside = limits if _unloaded(limits) else limits.scale(1.0 - PROOF_EXCESS, ("torque", "torque_rate"))
+        loaded = limits.torque is not None or limits.torque_rate is not None
+        inside = limits.scale(1.0 - PROOF_EXCESS, ("torque", "torque_rate")) if loaded else limits
         for problem, weight in _problems(joint_path, inside, self.intervals, density):
             loaded = problem.rows.loaded
             solution = _solve(problem, SLOWDOWN_LOADED if loaded else SLOWDOWN_LEFT, weight)
@@ -303,11 +305,6 @@ class Optimal(TimeLaw):
             if solution is not None:
                 return solution.motion
         return None
-
-
-def _unloaded(limits: MotionLimits) -> bool:
-    """Return whether neither torques nor their rates are limited."""
-    return limits.torque is None and limits.torque_rate is None
 
 
 def _problems(

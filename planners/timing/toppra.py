@@ -120,10 +120,8 @@ def _solve(joint_path: JointPath, limits: MotionLimits, s: Array, around: Array 
         _Speed(speed_bound(joint_path, limits, s)),
         toppra.constraint.JointAccelerationConstraint(np.clip(acceleration, -UNBOUNDED, UNBOUNDED)),
     ]
-    if limits.torque is not None:
-        constraints.append(_Torque(limits.rows("torque", PathPoints(joint_path, s)), around))
-    for name in _second_order(limits):
-        constraints.append(_Torque(limits.rows(name, PathPoints(joint_path, s)), around))
+    names = ["torque"] * (limits.torque is not None) + _second_order(limits)
+    constraints += [_Torque(limits.rows(name, PathPoints(joint_path, s)), around) for name in names]
     try:
         with np.errstate(all="ignore"):
             algorithm = toppra.algorithm.TOPPRA(constraints, _Geometry(joint_path), gridpoints=s)

@@ -11,6 +11,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
+from optik.check import real_array
 from optik.compiled import compiled
 from optik.errors import InvalidInput
 from optik.types import Array, Indices
@@ -63,10 +64,7 @@ class Curve(ABC):
         if isinstance(x, float) and 0.0 <= x <= self.end:  # the usual scalar, without the checks of arrays
             value: Array = self._evaluate(np.array([x]), order)[0]
             return value
-        try:
-            at = np.asarray(x, dtype=np.float64)
-        except (TypeError, ValueError, OverflowError):
-            raise InvalidInput(self.parameter, repr(x)[:60], "a number or an array of numbers") from None
+        at = real_array(x, self.parameter, "a number or an array of numbers")
         if at.ndim > 1:
             raise InvalidInput(self.parameter, f"shape {at.shape}", "a scalar or a one-dimensional array")
         slack = 1e-9 * max(self.end, 1e-9)

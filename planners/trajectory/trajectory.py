@@ -10,17 +10,11 @@ import numpy as np
 import scipy
 
 from optik.card import MOST_POINTS, Card, Plot
-from optik.check import check_number
+from optik.check import check_choice, check_kind, check_number
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners.trajectory.curve import (
-    PiecewiseCurve,
-    largest_term,
-    piece_ends,
-    piece_extrema,
-    quintic_through,
-    whole_extrema,
-)
+from planners.trajectory import curve
+from planners.trajectory.curve import PiecewiseCurve
 
 # ---------------- trajectory
 
@@ -65,14 +59,13 @@ class Trajectory(PiecewiseCurve):
     notes: tuple[str, ...] = ()
 
     def __init__(self, polynomial: Any, s: Array | None = None) -> None:
-        if not isinstance(polynomial, scipy.interpolate.PPoly):
-            raise InvalidInput("polynomial", repr(polynomial)[:60], "a scipy.interpolate.PPoly")
+        check_kind(polynomial, "polynomial", scipy.interpolate.PPoly)
         if polynomial.c.ndim != 3 or polynomial.c.shape[0] > 6:
             raise InvalidInput("polynomial", f"coefficients of shape {polynomial.c.shape}", "(at most 6, m, n)")
         if polynomial.x[0] != 0.0 or not (np.diff(polynomial.x) > 0.0).all():
             raise InvalidInput("polynomial", "its knots", "knots that increase from 0")
         self._set_polynomial(polynomial)
-        reach = largest_term(self._c, self._x)
+        reach = curve.largest_term(self._c, self._x)
         if not reach <= LARGEST_POSITION:
             if not np.isfinite(polynomial.c).all():
                 raise InvalidInput("polynomial", "NaN or infinity in its coefficients", "finite coefficients")
@@ -176,7 +169,7 @@ class Trajectory(PiecewiseCurve):
     def _ends(self) -> tuple[Array, Array]:
         c, h = self.padded, np.diff(self.knots)
         first, last = np.empty((2, 4, *c.shape[1:]))
-        piece_ends(c, h, first, last)
+        curve.piece_ends(c, h, first, last)
         return first, last
 
     def jumps(self, order: int) -> Array:
@@ -221,7 +214,7 @@ class Trajectory(PiecewiseCurve):
     def _extrema(self) -> tuple[Extrema, ...]:
         """Least and greatest values and their times, by order."""
         out = np.empty((4, 4, self.n))
-        whole_extrema(*self._pieces, self.knots, out)
+        curve.whole_extrema(*self._pieces, self.knots, out)
         return tuple(Extrema(*each) for each in out)
 
     @cached_property
@@ -229,7 +222,7 @@ class Trajectory(PiecewiseCurve):
         """Extrema of all pieces, and their times since the first knot: (order, piece, joint, least and greatest)."""
         c = self.padded
         value, when = np.empty((2, 4, *c.shape[1:], 2))
-        piece_extrema(c, np.diff(self.knots), value, when)
+        curve.piece_extrema(c, np.diff(self.knots), value, when)
         return value, when
 
     @property
@@ -406,8 +399,7 @@ def simulate_controller(trajectory: Trajectory, rate: float, interpolation: str)
     InvalidInput
         A rate that is not above 0 or gives more than 1,000,000 points, or another interpolation.
     """
-    if not isinstance(trajectory, Trajectory):
-        raise InvalidInput("trajectory", repr(trajectory)[:60], "a Trajectory")
+    check_kind(trajectory, "trajectory", Trajectory)
     rate = check_number(rate, "rate", "points per second, above 0", above=0.0)
     periods = trajectory.end * rate
     if periods > POINTS:
@@ -420,9 +412,7 @@ def simulate_controller(trajectory: Trajectory, rate: float, interpolation: str)
 
 def count_derivatives(interpolation: str) -> int:
     """Return the number of derivatives (of q, q̇, q̈) that an interpolation passes through."""
-    if not isinstance(interpolation, str) or interpolation not in INTERPOLATIONS:
-        raise InvalidInput("interpolation", repr(interpolation)[:60], f"one of {', '.join(INTERPOLATIONS)}")
-    return INTERPOLATIONS.index(interpolation) + 1
+    return INTERPOLATIONS.index(check_choice(interpolation, "interpolation", INTERPOLATIONS)) + 1
 
 
 def sample_states(trajectory: Trajectory, t: Array) -> tuple[Array, Array, Array]:
@@ -446,4 +436,4 @@ def trajectory_through(t: Array, q: Array, v: Array | None = None, a: Array | No
         return Trajectory(scipy.interpolate.PPoly(np.stack([np.diff(q, axis=0) / np.diff(t)[:, None], q[:-1]]), t))
     if a is None:
         return Trajectory(scipy.interpolate.PPoly(scipy.interpolate.CubicHermiteSpline(t, q, v).c, t))
-    return Trajectory(quintic_through(t, q, v, a))
+    return Trajectory(curve.quintic_through(t, q, v, a))

@@ -439,7 +439,7 @@ def test_only_the_whole_pose_can_be_asked_for(task):
 
 @pytest.mark.parametrize("wrong", ["SSIK", "", None, 3])
 def test_an_unknown_backend_is_refused(wrong):
-    with pytest.raises(InvalidInput, match="backend: expected one of: auto, ssik, eaik, enumeration"):
+    with pytest.raises(InvalidInput, match='backend: expected "auto" or "ssik" or "eaik" or "enumeration"'):
         ClosedForm(optik.load("paper6r"), backend=wrong)
 
 

@@ -179,5 +179,5 @@ def test_solver_options_that_ipopt_does_not_know_are_refused_by_name(options):
 
 
 def test_an_unknown_form_is_refused_with_those_that_exist():
-    with pytest.raises(InvalidInput, match=r"^form: expected constraint or least_squares"):
+    with pytest.raises(InvalidInput, match=r'^form: expected "constraint" or "least_squares"'):
         IPOPT(PAPER, form="penalty")

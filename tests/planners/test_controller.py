@@ -123,7 +123,7 @@ def test_points_are_at_whole_periods_and_at_the_end_and_never_a_rounding_apart(T
         (np.inf, "linear", "rate"),
         ("fast", "linear", "rate"),
         (1e9, "linear", "1,?000,?000 points"),
-        (100.0, "septic", "interpolation: expected one of linear, cubic, quintic; got 'septic'"),
+        (100.0, "septic", 'interpolation: expected "linear" or "cubic" or "quintic"; got .septic.'),
         (100.0, None, "interpolation"),
     ],
 )

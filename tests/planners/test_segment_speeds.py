@@ -14,7 +14,7 @@ from optik.types import Array
 from planners import MotionLimits, Polyline, Trajectory, certify, load_motion, plan, replan, save
 from planners.certificate.analysis import MotionAnalysis
 from planners.following.joint_path import JointPath
-from planners.limits import PathPoints, find_tool_limit_changes, tool_limits_at
+from planners.limits import PathPoints, motion_limits, tool_limits_at
 from planners.motion.motion import find_stretch_factor
 from planners.trajectory.curve import apply_chain_rule, quintic_through
 from tests.planners.cases import START, default_line, paper6r
@@ -82,7 +82,7 @@ def test_a_corner_has_the_lesser_limit_of_both_its_segments() -> None:
 def test_the_speed_changes_at_the_breaks_at_which_its_limits_differ(speeds: tuple[float, ...] | float) -> None:
     least = bent().least_on_pieces(np.broadcast_to(speeds, 3).astype(float))
     expected = bent().breaks[1:-1][np.diff(least) != 0.0]
-    assert find_tool_limit_changes(limits(speeds), bent()).tolist() == expected.tolist()
+    assert motion_limits.find_tool_limit_changes(limits(speeds), bent()).tolist() == expected.tolist()
 
 
 def test_rows_have_the_limit_of_their_place_and_at_a_break_the_lesser() -> None:

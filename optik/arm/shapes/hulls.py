@@ -17,20 +17,9 @@ import numpy as np
 
 from optik import kinematics
 from optik.arm.limits import freeze
+from optik.arm.shapes import enclosure
 from optik.arm.shapes.check import Capsules, check_excess
-from optik.arm.shapes.enclosure import (
-    CUTS,
-    ENCLOSURE_ROUNDING,
-    SPACING,
-    Capsule,
-    Hull,
-    Part,
-    distance_to_segment,
-    enclose_cylinder,
-    enclose_parts,
-    find_axes,
-    sample_points,
-)
+from optik.arm.shapes.enclosure import Capsule, Hull, Part
 from optik.check import check_number, format_value, real_array
 from optik.compiled import compiled, inlined
 from optik.errors import InvalidInput
@@ -382,8 +371,8 @@ AT_ONCE = 16
 
 def enclose_body(triangles: Array) -> list[Capsule]:
     """Enclose a mesh by capsules with hulls."""
-    tree = sample_points(triangles)
-    capsules, parts = enclose_parts(triangles, tree)
+    tree = enclosure.sample_points(triangles)
+    capsules, parts = enclosure.enclose_parts(triangles, tree)
     whole = find_hull(triangles.reshape(-1, 3))
     pieces = [_cut(part, (whole, c)) for part, c in zip(parts, capsules, strict=True)]
     hulls = [[round_hull(piece.points) for piece in of] for of in pieces]
@@ -396,9 +385,9 @@ def enclose_disc(radius: float, length: float) -> list[Capsule]:
     """Enclose a cylinder about the z axis by a capsule with a hull."""
     angle = np.arange(RING) * 2.0 * np.pi / RING
     ring = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.full(RING, 0.5 * length)])
-    rounding = radius * float(1.0 - np.cos(np.pi / RING)) + ENCLOSURE_ROUNDING
+    rounding = radius * float(1.0 - np.cos(np.pi / RING)) + enclosure.ENCLOSURE_ROUNDING
     hull = Hull(np.concatenate([ring, ring * (1.0, 1.0, -1.0)]), rounding, 2.0 * rounding)
-    return [enclose_cylinder(radius, length)._replace(hulls=(hull,))]
+    return [enclosure.enclose_cylinder(radius, length)._replace(hulls=(hull,))]
 
 
 class Solid(NamedTuple):
@@ -444,7 +433,7 @@ def round_hull(points: Array) -> Hull:
         if far[best := int(worst[np.argmax(far[worst])])] < far.max():
             continue
         if far[best] <= ROUNDED or len(chosen) >= MOST_CORNERS:
-            return Hull(points[chosen], float(far[best]) + ENCLOSURE_ROUNDING)
+            return Hull(points[chosen], float(far[best]) + enclosure.ENCLOSURE_ROUNDING)
         chosen.append(best)
 
 
@@ -460,7 +449,7 @@ def _hull_of(part: Part, around: tuple[Solid, Capsule]) -> Solid:
         if abs(np.linalg.det(normals)) > PARALLEL:
             x = np.linalg.solve(normals, np.array(three)[:, 3])
             near = is_behind(x, part.planes, MET) and is_behind(x, whole.planes, MET)
-            if near and distance_to_segment(x[None], capsule.a, capsule.b)[0] <= capsule.radius:
+            if near and enclosure.distance_to_segment(x[None], capsule.a, capsule.b)[0] <= capsule.radius:
                 points.append(x[None])
     return find_hull(np.concatenate(points))
 
@@ -486,9 +475,9 @@ def _halve(part: Part, hull: Solid, around: tuple[Solid, Capsule]) -> list[tuple
     """Return both pieces of a part, with their hulls, by the cut of some that makes the hulls smallest; none if none helps."""
     few = part._replace(triangles=part.triangles[:: 1 + len(part.triangles) // CHOOSING_TRIANGLES])
     least, best = hull.volume, list[tuple[Array, list[float]]]()
-    for u in find_axes(hull.points):
+    for u in enclosure.find_axes(hull.points):
         low, high = float((hull.points @ u).min()), float((hull.points @ u).max())
-        for share in CUTS:
+        for share in enclosure.CUTS:
             cut = u, [low + share * (high - low)]
             pieces = few.cut(*cut)
             left = sum(_hull_of(piece, around).volume for piece in pieces) if len(pieces) == 2 else np.inf
@@ -506,7 +495,7 @@ def _measure(hulls: list[Hull], tree: Any) -> list[Hull]:
     largest such sum; triangles that may contain the farthest point are divided.
     """
     solids = [find_hull(hull.corners) for hull in hulls]
-    step = float(np.ptp(tree.data, axis=0).max()) / SPACING
+    step = float(np.ptp(tree.data, axis=0).max()) / enclosure.SPACING
     thick = 2.0 * max(hull.radius for hull in hulls) + MET
     measured = []
     for k, hull in enumerate(hulls):
@@ -577,7 +566,7 @@ def _check_hull(value: Any, where: str, a: Array, b: Array, radius: float) -> Hu
     corners = freeze(real_array(value[0], where, "corners (v, 3)"), where)
     if corners.ndim != 2 or corners.shape[1:] != (3,) or not len(corners):
         raise InvalidInput(where, f"an array of shape {corners.shape}", "corners (v, 3)")
-    if not distance_to_segment(corners, a, b).max() <= radius + 2.0 * ENCLOSURE_ROUNDING:
+    if not enclosure.distance_to_segment(corners, a, b).max() <= radius + 2.0 * enclosure.ENCLOSURE_ROUNDING:
         raise InvalidInput(where, "a corner outside of its capsule", "corners inside of it")
     excess = np.nan if len(value) == 2 or value[2] is None else float(check_excess(value[2], 1, where)[0])
     return Hull(corners, check_number(value[1], where, "a radius", least=0.0), excess)

@@ -17,7 +17,7 @@ from optik.arm.limits import ByContent
 from optik.arm.shapes.check import Capsules, check_capsules, check_excess
 from optik.arm.shapes.enclosure import Hull
 from optik.arm.shapes.hulls import check_hulls, list_hulls
-from optik.check import check_count, check_words, format_value
+from optik.check import check_count, check_kind, check_words, format_value
 from optik.errors import InvalidInput
 from optik.types import Array, Flags, Indices
 
@@ -80,8 +80,7 @@ class Shapes(ByContent):
         names = check_words(self.names, "shapes.names")
         if names and len(names) != m:
             raise InvalidInput("shapes.names", f"{len(names)} names", f"one for each of {m} capsules")
-        if not isinstance(self.source, str):
-            raise InvalidInput("shapes.source", format_value(self.source), "a word")
+        check_kind(self.source, "shapes.source", str, "a word")
         checked = {"capsules": capsules, "names": names, "excess": check_excess(self.excess, m, "shapes.excess")}
         checked["unread"] = unread
         checked["hulls"] = check_hulls(self.hulls, capsules)

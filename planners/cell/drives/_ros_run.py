@@ -13,19 +13,9 @@ import numpy as np
 from optik.errors import InvalidInput, NoSolution
 from optik.scene.files import NANOSECONDS
 from optik.types import Array
+from planners.cell.drives import base
 from planners.cell.drives._run import RESUME_ADVICE, EncoderMonitor, EventQueue, plan_stop_at
-from planners.cell.drives.base import (
-    Drive,
-    Execution,
-    ExecutionStatus,
-    Fault,
-    FaultKind,
-    Moment,
-    Setpoints,
-    StreamRecord,
-    Watcher,
-    make_record,
-)
+from planners.cell.drives.base import Drive, Execution, ExecutionStatus, Fault, FaultKind, Setpoints
 from planners.certificate.violation import Allow
 from planners.following.failure import joint_unit
 from planners.motion import Motion
@@ -164,7 +154,7 @@ class RosRun:
 
     # ------------------------------------------------------------ the loop
 
-    def follow(self, stop_test: Callable[[float], bool], watch: Watcher | None) -> Execution:
+    def follow(self, stop_test: Callable[[float], bool], watch: base.Watcher | None) -> Execution:
         """Follow the goal until it has ended, and return the record of the execution."""
         try:
             self._loop(stop_test, watch)
@@ -187,7 +177,7 @@ class RosRun:
             self._settle(watch, patience)
         return self._report()
 
-    def _loop(self, stop_test: Callable[[float], bool], watch: Watcher | None) -> None:
+    def _loop(self, stop_test: Callable[[float], bool], watch: base.Watcher | None) -> None:
         """Poll the goal until it has ended or its connection is lost."""
         patience, grace = self.options.patience, self.options.grace
         while not (self.goal.ended or self.transport.lost or (self.cancelled and self.record.now > self._give_up)):
@@ -220,13 +210,13 @@ class RosRun:
             self._look(None)
         return stop.accepted
 
-    def _look(self, watch: Watcher | None) -> None:
+    def _look(self, watch: base.Watcher | None) -> None:
         """Record what is heard; stop if joint states no longer arrive, or no longer change."""
         (q, _, _, at), new = self.record.listen(self.goal, self.motion)
         t = max(self.record.now, 0.0)
         events = self.events.raise_until(t) if self.record.begun is not None else ()
         if (new or events) and watch is not None:
-            watch(Moment(t, self.motion(min(t, self.motion.end)), q.copy(), q.copy(), events))
+            watch(base.Moment(t, self.motion(min(t, self.motion.end)), q.copy(), q.copy(), events))
         begun = self.record.begun is not None
         if begun and not (self._stopping or self.transport.lost or self.goal.ended):
             self._check_encoders(q, at)
@@ -285,7 +275,7 @@ class RosRun:
         self.transport.cancel(self.goal)
         self.notes += (f"the goal was cancelled ({why}): the stop that followed was the controller's own",)
 
-    def _settle(self, watch: Watcher | None, patience: float) -> None:
+    def _settle(self, watch: base.Watcher | None, patience: float) -> None:
         """Wait until the joint states show the arm at rest; after `patience` [s] note that it moves."""
         until, count = time.monotonic() + patience, len(self.record.samples)
         while time.monotonic() < until and not self.transport.lost:
@@ -391,7 +381,9 @@ SHORTEST_STEP = 1000
 """Least time between two points of a goal [ns]."""
 
 
-def follow_by_goals(joints: JointStates, options: RosOptions, columns: dict[str, int], stream: Stream) -> StreamRecord:
+def follow_by_goals(
+    joints: JointStates, options: RosOptions, columns: dict[str, int], stream: Stream
+) -> base.StreamRecord:
     """Send each motion of a stream before it begins; take no more targets if one is refused or the connection is lost."""
     if stream.budget < options.latency:
         expected = f"at least the latency of the drive, {options.latency:g} s"
@@ -432,4 +424,4 @@ def follow_by_goals(joints: JointStates, options: RosOptions, columns: dict[str,
             stream.stop()
             for goal in goals[k + 1 :] if k is not None else ():
                 transport.cancel(goal)
-    return make_record(rows, stream, "; ".join(faults))
+    return base.make_record(rows, stream, "; ".join(faults))

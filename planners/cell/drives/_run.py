@@ -9,21 +9,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from optik.arm.robot import Robot
-from optik.check import check_number
+from optik.check import check_kind, check_number
 from optik.errors import InvalidInput, InvalidMotion
 from optik.types import Array
-from planners.cell.drives.base import (
-    Drive,
-    Execution,
-    ExecutionStatus,
-    Fault,
-    FaultKind,
-    Options,
-    Setpoints,
-    StopRequest,
-    make_setpoints,
-    stretch_to_duration,
-)
+from planners.cell.drives import base
+from planners.cell.drives.base import Drive, Execution, ExecutionStatus, Fault, FaultKind, Setpoints
 from planners.certificate.analysis import AT_REST
 from planners.certificate.certificate import Certificate, check_valid
 from planners.certificate.violation import Allow, check_allow, required_limits
@@ -49,8 +39,7 @@ Refusal = tuple[str, str]
 
 def check_plan(plan: Plan, robot: Robot) -> None:
     """Raise InvalidInput unless the argument is a plan of this arm."""
-    if not isinstance(plan, Plan):
-        raise InvalidInput("plan", repr(plan)[:60], "a Plan")
+    check_kind(plan, "plan", Plan)
     if plan.robot != robot:
         raise InvalidInput("plan", f"a plan of {plan.robot.name}", f"a plan of this drive's arm, {robot.name}")
 
@@ -73,7 +62,7 @@ def find_violation(plan: Plan, allow: Allow = (), proof: Certificate | None = No
     return None
 
 
-def find_refusal(plan: Plan, measured: Array, options: Options) -> Refusal | None:
+def find_refusal(plan: Plan, measured: Array, options: base.Options) -> Refusal | None:
     """Return why a plan must not be sent: the arm is not at its start, or set-points exceed the arm's velocity limits."""
     names, start = plan.robot.joint_names, plan.trajectory(0.0)
     lost = np.flatnonzero(np.isnan(measured))
@@ -100,7 +89,7 @@ def describe_start(robot: Robot, i: int, q: float, start: float, tolerance: floa
     return f"{at}; the tolerance is {tolerance:g} {unit}"
 
 
-def make_stop_test(stop: StopRequest | None) -> Callable[[float], bool]:
+def make_stop_test(stop: base.StopRequest | None) -> Callable[[float], bool]:
     """Return the function that decides at every tick whether to stop."""
     if stop is None:
         return lambda t: False
@@ -235,8 +224,7 @@ def resume_execution(drive: Drive, execution: Execution, near: Array, options: d
 
 def check_stopped(execution: Execution) -> None:
     """Raise InvalidInput unless an execution was stopped during its motion."""
-    if not isinstance(execution, Execution):
-        raise InvalidInput("execution", repr(execution)[:60], "an Execution")
+    check_kind(execution, "execution", Execution, "an Execution")
     if execution.status not in (ExecutionStatus.STOPPED, ExecutionStatus.FAULT) or execution.motion is None:
         got = f"one with status {execution.status}"
         raise InvalidInput("execution", got, "one that was stopped on request or by a fault")
@@ -251,7 +239,7 @@ def plan_way_back(running: Plan, measured: Array, rest: Array) -> Plan:
 
 def fill_period(found: Plan, period: float) -> Plan:
     """Return a plan of at least one servo period: the remaining motion may be some micrometres."""
-    return stretch_to_duration(found, period) if found and found.trajectory.end < period else found
+    return base.stretch_to_duration(found, period) if found and found.trajectory.end < period else found
 
 
 def refuse(drive: Drive, plan: Plan, reason: str, advice: str, *, placed: bool = True) -> Execution:
@@ -358,14 +346,14 @@ def interpolate_setpoints(stream: Setpoints, k: int, steps: int, hold: bool) -> 
     return Commands(u[:, 0] * period, position, velocity, (2.0 * c2 + 6.0 * u * c3) / period**2)
 
 
-def read_encoders(actual: Array, options: Options, noise: np.random.Generator) -> Array:
+def read_encoders(actual: Array, options: base.Options, noise: np.random.Generator) -> Array:
     """Return the readings of the encoders."""
     read = actual + options.noise * noise.standard_normal(actual.size) if options.noise else actual.copy()
     counts = np.where(options.resolution > 0.0, options.resolution, 1.0)
     return np.asarray(np.where(options.resolution > 0.0, np.round(read / counts) * counts, read))
 
 
-def find_false_reading(read: Array, actual: Array, options: Options) -> int | None:
+def find_false_reading(read: Array, actual: Array, options: base.Options) -> int | None:
     """Return the index of a joint whose encoder is lost or reads a false position; None if there is no such joint."""
     lost = np.flatnonzero(np.isnan(read))
     if lost.size:
@@ -379,7 +367,7 @@ class DriveRun:
     """The state of a running execution."""
 
     plan: Plan
-    options: Options
+    options: base.Options
     allow: tuple[str, ...] = ()  # permitted violations of the plan and of its stop
     motion: Trajectory = field(init=False)  # that is sent: the plan's, or the plan's up to a stop and then the stop
     stream: Setpoints = field(init=False)  # of that motion
@@ -400,7 +388,7 @@ class DriveRun:
 
     def __post_init__(self) -> None:
         self.robot, self.motion, self.events = self.plan.robot, self.plan.trajectory, EventQueue(self.plan)
-        self.stream = make_setpoints(self.motion, self.options.period)
+        self.stream = base.make_setpoints(self.motion, self.options.period)
 
     @property
     def last(self) -> int:
@@ -436,7 +424,7 @@ class DriveRun:
         self.stop = stop
         self.events.replace_after(t, stop)
         self.motion = join(cut_after(self.motion, t), stop.trajectory) if tick else stop.trajectory
-        self.stream = make_setpoints(self.motion, self.stream.period)
+        self.stream = base.make_setpoints(self.motion, self.stream.period)
         if ends_at_goal(stop):
             self.notes.append("the shortest stop within the limits ends at the end of the path")
 

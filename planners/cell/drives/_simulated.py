@@ -13,35 +13,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optik.arm.robot import Robot
-from optik.check import check_count, real_array
+from optik.check import check_count, check_kind, real_array
 from optik.errors import InvalidInput
 from optik.types import Array, Flags
-from planners.cell.drives._run import (
-    Commands,
-    DriveRun,
-    Steps,
-    check_plan,
-    describe_start,
-    find_refusal,
-    find_violation,
-    interpolate_setpoints,
-    make_stop_test,
-    read_encoders,
-    refuse,
-    resume_execution,
-)
-from planners.cell.drives.base import (
-    Drive,
-    Execution,
-    Moment,
-    Setpoints,
-    StopRequest,
-    StreamRecord,
-    Watcher,
-    fit_periods,
-    make_options,
-    make_record,
-)
+from planners.cell.drives import _run, base
+from planners.cell.drives._run import Commands, DriveRun, Steps, resume_execution
+from planners.cell.drives.base import Drive, Execution, Moment, Setpoints, StopRequest, StreamRecord, Watcher
 from planners.certificate.violation import Allow, check_allow
 from planners.plan import Plan
 from planners.streams.stream import Stream
@@ -82,10 +59,9 @@ class SimulatedDrive(Drive):
     def __init__(
         self, robot: Robot, q: ArrayLike | None = None, *, step: float = 0.0005, seed: int = 0, **others: Any
     ) -> None:
-        if not isinstance(robot, Robot):
-            raise InvalidInput("robot", repr(robot)[:60], "a Robot")
+        check_kind(robot, "robot", Robot)
         self.robot = robot
-        self.options = make_options(robot, **others)
+        self.options = base.make_options(robot, **others)
         self.period = self.options.period
         if not isinstance(step, int | float) or not 0.0 < step <= self.period:
             raise InvalidInput("step", repr(step)[:60], f"seconds above 0, at most the period, {self.period:g}")
@@ -138,27 +114,27 @@ class SimulatedDrive(Drive):
         """Return the encoders' configuration now (n,) [rad, m]; NaN for a joint whose encoder is lost."""
         if not self._placed:
             raise InvalidInput("q", "none, and no plan executed yet", "the arm's initial configuration")
-        return self._misread(read_encoders(self._actual(), self.options, self._noise))
+        return self._misread(_run.read_encoders(self._actual(), self.options, self._noise))
 
     def execute(
         self, plan: Plan, *, stop: StopRequest | None = None, watch: Watcher | None = None, allow: Allow = ()
     ) -> Execution:
         """Take the arm along a valid plan; see `Drive.execute`."""
-        check_plan(plan, self.robot)
-        refusal = find_violation(plan, allow)
+        _run.check_plan(plan, self.robot)
+        refusal = _run.find_violation(plan, allow)
         if refusal is not None:
             return self._refused(plan, *refusal)
-        given, plan = plan, fit_periods(plan, self.period)
-        refusal = find_violation(plan, allow, plan.motion.certify() if plan is given else None)
+        given, plan = plan, base.fit_periods(plan, self.period)
+        refusal = _run.find_violation(plan, allow, plan.motion.certify() if plan is given else None)
         if refusal is not None:
             return self._refused(plan, *refusal)
         if not self._placed:
             self._put(plan.trajectory(0.0))
-        refusal = find_refusal(plan, self.measure(), self.options)
+        refusal = _run.find_refusal(plan, self.measure(), self.options)
         if refusal is not None:
             return self._refused(plan, *refusal)
         run = DriveRun(plan, self.options, check_allow(allow))
-        self._loop(run, make_stop_test(stop), watch)
+        self._loop(run, _run.make_stop_test(stop), watch)
         return self._report(run)
 
     def resume(
@@ -183,13 +159,13 @@ class SimulatedDrive(Drive):
         off = np.nan_to_num(np.abs(rows[0][2] - before.q), nan=np.inf)
         i = int((off / self.options.start).argmax())
         if off[i] > self.options.start[i]:
-            where = describe_start(self.robot, i, rows[0][2][i], before.q[i], self.options.start[i])
+            where = _run.describe_start(self.robot, i, rows[0][2][i], before.q[i], self.options.start[i])
             raise InvalidInput("stream", where, "a stream that begins at the arm's present configuration")
         for now in iter(stream.advance, None):
             pair = (np.stack(two) for two in zip(before[1:4], now[1:4], strict=True))
             periods = round((now.t - before.t) / self.period)  # more than one if the loop missed a tick
             both = Setpoints(now.t - before.t, np.zeros(2), *pair)
-            step = interpolate_setpoints(both, 0, self.steps * periods, self.options.hold)
+            step = _run.interpolate_setpoints(both, 0, self.steps * periods, self.options.hold)
             for k in range(0, self.steps * periods, self.steps):
                 self._advance(Commands(*(x[k : k + self.steps + 1] for x in step)), self._find_blocked())
             rows.append((now.t, now.q, self.measure()))
@@ -199,7 +175,7 @@ class SimulatedDrive(Drive):
                 fault = f"{self.robot.joint_names[i]} is {off[i]:.3g} off its set-point at t = {now.t:.6g} s"
                 stream.stop()
             before = now
-        return make_record(rows, stream, fault)
+        return base.make_record(rows, stream, fault)
 
     def _loop(self, run: DriveRun, stop_test: Callable[[float], bool], watch: Watcher | None) -> None:
         """Run all ticks: read the encoders, check for faults and stop requests, simulate one period."""
@@ -224,7 +200,7 @@ class SimulatedDrive(Drive):
             if not run.stopping and stop_test(t):
                 run.requested = True
                 run.stop_at(k + self.options.ahead)
-            now = interpolate_setpoints(run.stream, k, self.steps, self.options.hold)
+            now = _run.interpolate_setpoints(run.stream, k, self.steps, self.options.hold)
             run.record(t, now.t[1:], self._advance(now, self._find_blocked()))
             k += 1
         run.extend(k)
@@ -269,7 +245,7 @@ class SimulatedDrive(Drive):
 
     def _refused(self, plan: Plan, reason: str, advice: str) -> Execution:
         """Return the record of a refused execution with the plant's notes."""
-        return replace(refuse(self, plan, reason, advice, placed=self._placed), notes=self._remarks())
+        return replace(_run.refuse(self, plan, reason, advice, placed=self._placed), notes=self._remarks())
 
     def _report(self, run: DriveRun) -> Execution:
         """Return the record of an execution; after a fault the servo's set-point is the arm's true configuration."""

@@ -8,30 +8,12 @@ from typing import Any, ClassVar
 import numpy as np
 
 from optik.arm.robot import Robot
-from optik.check import check_flag, check_number
+from optik.check import check_flag, check_kind, check_number
 from optik.errors import InvalidInput, NoSolution
 from optik.types import Array
-from planners.cell.drives._ros_run import (
-    RosOptions,
-    RosRun,
-    Stops,
-    add_room,
-    describe_exceeded,
-    follow_by_goals,
-    make_message,
-    make_stops,
-    motor_motion,
-)
-from planners.cell.drives._run import (
-    START_ADVICE,
-    check_plan,
-    check_stopped,
-    describe_start,
-    find_violation,
-    make_stop_test,
-    refuse,
-    without_permitted,
-)
+from planners.cell.drives import _ros_run, _run
+from planners.cell.drives._ros_run import RosOptions, RosRun, Stops
+from planners.cell.drives._run import find_violation
 from planners.cell.drives.base import PERIOD, Drive, Execution, ExecutionStatus, StopRequest, StreamRecord, Watcher
 from planners.certificate.violation import Allow
 from planners.following.failure import joint_unit
@@ -110,8 +92,7 @@ class RosDrive(Drive):
         grace: float = GRACE, latency: float = LATENCY, stops_every: float = STOPS_EVERY,
     ) -> None:  # fmt: skip
         for argument, value, kind in (("robot", robot, Robot), ("transport", transport, Transport)):
-            if not isinstance(value, kind):
-                raise InvalidInput(argument, repr(value)[:60], f"a {kind.__name__}")
+            check_kind(value, argument, kind)
         self.robot, self.transport, self.period = robot, transport, PERIOD
         self.sends = check_flag(execute, "execute")
         if robot.motors is not None:
@@ -136,26 +117,26 @@ class RosDrive(Drive):
         self, plan: Plan, *, stop: StopRequest | None = None, watch: Watcher | None = None, allow: Allow = ()
     ) -> Execution:
         """Check a plan and the arm; with ``execute=True`` send it and follow it to the end; see `Drive.execute`."""
-        check_plan(plan, self.robot)
-        stop_test = make_stop_test(stop)
-        refusal = find_violation(plan, allow) or find_violation(plan, allow, motor_motion(plan).certify())
+        _run.check_plan(plan, self.robot)
+        stop_test = _run.make_stop_test(stop)
+        refusal = find_violation(plan, allow) or find_violation(plan, allow, _ros_run.motor_motion(plan).certify())
         if refusal is not None:
-            return refuse(self, plan, *refusal)
+            return _run.refuse(self, plan, *refusal)
         try:
-            sent, message = make_message(add_room(plan), self.joint_names, allow)
+            sent, message = _ros_run.make_message(_ros_run.add_room(plan), self.joint_names, allow)
         except (NoSolution, InvalidInput) as error:
             advice = error.advice if isinstance(error, NoSolution) else error.expected
-            return refuse(self, plan, str(error), advice)
-        notes = tuple(filter(None, (_describe_slowing(plan, sent), describe_exceeded(sent))))
+            return _run.refuse(self, plan, str(error), advice)
+        notes = tuple(filter(None, (_describe_slowing(plan, sent), _ros_run.describe_exceeded(sent))))
         stops, (reason, advice) = Stops([], 0.0, ""), self._check_start(sent)
         if self.sends and not reason:
-            stops = make_stops(sent, self.options.stops_every, self.joint_names, allow)
+            stops = _ros_run.make_stops(sent, self.options.stops_every, self.joint_names, allow)
             reason, advice = self._check_start(sent)  # again, because the computation of the stops takes time
         if reason:
-            return refuse(self, sent, reason, advice)
+            return _run.refuse(self, sent, reason, advice)
         if not self.sends:
             description = _describe_message(sent, message, self.transport.address)
-            return replace(refuse(self, sent, *description), status=ExecutionStatus.DRY_RUN, notes=notes)
+            return replace(_run.refuse(self, sent, *description), status=ExecutionStatus.DRY_RUN, notes=notes)
         notes = (*CONTROLLER_NOTES, *notes, self._describe_stops(stops))
         goal = self.transport.send(message)
         return RosRun(self, self.joints, self.options, sent, goal, stops, notes).follow(stop_test, watch)
@@ -164,12 +145,12 @@ class RosDrive(Drive):
         self, execution: Execution, *, stop: StopRequest | None = None, watch: Watcher | None = None, allow: Allow = ()
     ) -> Execution:
         """Move the arm from its present configuration on the path to the goal of a stopped execution; see `Drive.resume`."""
-        check_stopped(execution)
+        _run.check_stopped(execution)
         plan = execution.plan
-        check_plan(plan, self.robot)
+        _run.check_plan(plan, self.robot)
         reason, advice = self.joints.wait_for_rest(self.options.patience)
         if reason:
-            return refuse(self, plan, reason, advice)
+            return _run.refuse(self, plan, reason, advice)
         q, joints = self.measure(), plan.joint_path
         s = find_nearest_s(joints, q, _find_position(execution))
         off = np.abs(joints(s) - q)
@@ -177,13 +158,13 @@ class RosDrive(Drive):
         if off[i] > self.options.start_tolerance:
             name, unit = self.robot.joint_names[i], joint_unit(self.robot, i)
             reason = f"the arm is no longer on the path: {name} is {off[i]:.3g} {unit} off it"
-            return refuse(self, plan, reason, "plan from the arm's present configuration")
+            return _run.refuse(self, plan, reason, "plan from the arm's present configuration")
         if s >= joints.end * (1.0 - 1e-9):
             reason = "the arm is already at the end of the path"
-            return refuse(self, plan, reason, "nothing to do: the goal is reached")
+            return _run.refuse(self, plan, reason, "nothing to do: the goal is reached")
         still = np.zeros(self.robot.n)
         running = execution.stop_plan if isinstance(execution.stop_plan, ProgramPlan) else plan  # it knows its section
-        onward = replan(without_permitted(running, allow), (joints(s), still, still))
+        onward = replan(_run.without_permitted(running, allow), (joints(s), still, still))
         onward = replace(onward, scene=plan.scene)
         return self.execute(onward, stop=stop, watch=watch, allow=allow)
 
@@ -195,7 +176,7 @@ class RosDrive(Drive):
         """
         if not self.sends:
             raise InvalidInput("execute", False, "True, because a stream has no dry run")
-        return follow_by_goals(self.joints, self.options, find_columns(self.robot, self.joint_names), stream)
+        return _ros_run.follow_by_goals(self.joints, self.options, find_columns(self.robot, self.joint_names), stream)
 
     # ------------------------------------------------------------ before the start
 
@@ -209,7 +190,7 @@ class RosDrive(Drive):
         i = int(np.nan_to_num(off, nan=np.inf).argmax())
         if off[i] <= self.options.start_tolerance:
             return "", ""
-        return describe_start(self.robot, i, q[i], start[i], self.options.start_tolerance), START_ADVICE
+        return _run.describe_start(self.robot, i, q[i], start[i], self.options.start_tolerance), _run.START_ADVICE
 
     def _describe_stops(self, stops: Stops) -> str:
         """Return a note on the time from a request to the stop."""

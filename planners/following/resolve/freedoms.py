@@ -200,10 +200,10 @@ class Resolver:
         for bounds, most in known or [(path.bounds, count)]:
             wide = FreePath(self.given, bounds)
             resolver = Resolver(self.sampler.own, wide, self.sampler.collision, self._time_limit)
-            found, made = resolver.find(None, held=False, many=False, count=min(most, count))
-            if made.limited:  # a search that the clock ended is not repeatable
+            sequences, resolution = resolver.find(None, held=False, many=False, count=min(most, count))
+            if resolution.limited:  # a search that the clock ended is not repeatable
                 break
-            for s, q, f in resolver.relax([parts[0] for parts in found]):
+            for s, q, f in resolver.relax([parts[0] for parts in sequences]):
                 values = np.tile(path.coefficients[:1], (len(s), 1))
                 for name, columns in wide.columns.items():
                     values[:, path.columns[name]] = f[:, columns]
@@ -213,7 +213,7 @@ class Resolver:
                 way = FreeWay(s, q[:, : self.n], q[:, self._columns])
                 if ok.all() and all(np.abs(way.q[ENDS] - one.q[ENDS]).max() > SAME_WAY for one in ways):
                     ways.append(way)
-        return ways, made
+        return ways, resolution
 
     def relax(self, sequences: list[Sequence], caution: int = 0) -> list[FreeWay]:
         """Return the sequences with shorter motions."""

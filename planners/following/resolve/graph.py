@@ -492,16 +492,16 @@ class Graph:
                     self._insert(stuck)
                     since = 0
                     continue
-            found, wrong = list[list[Sequence]](), list[tuple[int, int, int]]()
+            answers, wrong = list[list[Sequence]](), list[tuple[int, int, int]]()
             for _, end in zip(range(count), self._ends() if stuck != 0 else (), strict=False):
                 parts = self._trace(end)
                 bad = [edge for part in parts for edge in self._check(part)]
                 wrong += bad
                 if not bad:
-                    found.append([self.sequence(part) for part in parts])
-            further += bool(found)
-            if (found and (not wrong or further > MORE_ROUNDS)) or stuck == 0 or late:
-                return found, gap or (None if found else (0.0, self.path.end))
+                    answers.append([self.sequence(part) for part in parts])
+            further += bool(answers)
+            if (answers and (not wrong or further > MORE_ROUNDS)) or stuck == 0 or late:
+                return answers, gap or (None if answers else (0.0, self.path.end))
             self._forbid(wrong)
             since = min(k for k, _, _ in wrong)
         return [], (0.0, self.path.end)

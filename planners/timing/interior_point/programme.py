@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from optik.types import Array
 from planners.following.follow import JointPath
-from planners.limits import DERIVATIVES, TOOL_SPEEDS, MotionLimits, find_tool_limit_changes, sides
+from planners.limits import DERIVATIVES, TOOL_SPEEDS, MotionLimits, sides
+from planners.limits.motion_limits import find_tool_limit_changes
 from planners.timing import _sweep
 from planners.timing._sweep import make_graded_grid
 from planners.timing.base import PathState, find_moving, refuse_free_motion, speed_bound
