@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
+from typing import Any, overload
 
 from numpy.typing import ArrayLike
 
+from optik.arm.group import Group
 from optik.arm.robot import Robot
 from optik.check import check_choice, check_count, check_keywords
 from optik.errors import InvalidInput, NoSolution
@@ -19,6 +21,8 @@ from planners.certificate.violation import LIMIT_WORDS, Allow, check_allow
 from planners.choice.first_paths import check_avoid, check_avoidable
 from planners.choice.planner import MotionPlanner
 from planners.following.follow import DEFAULT_TOLERANCE, read_time_limit
+from planners.group.planner import plan_group
+from planners.group.result import GroupPlan
 from planners.limits import MotionLimits, check_path
 from planners.motion import PlanStatus
 from planners.paths.base import Path
@@ -33,23 +37,28 @@ from planners.timing import LawLike, make_law
 __all__ = ["Plan", "PlanSeconds", "PlanStatus", "ProgramPlan", "make_law", "path_to", "plan"]
 
 
+@overload
+def plan(robot: Robot, *arguments: Any, **options: Any) -> Plan: ...
+@overload
+def plan(robot: Group, *arguments: Any, **options: Any) -> GroupPlan: ...
 @check_keywords
 def plan(
-    robot: Robot, path: Path | Program | ArrayLike, q_start: ArrayLike | None = None, *,
-    solver: SolverLike = "lm", timing: LawLike = "optimal", limits: MotionLimits | None = None, samples: int = 151,
+    robot: Robot | Group, path: Any, q_start: Any = None, *,
+    solver: SolverLike = "lm", timing: LawLike = "optimal", limits: Any = None, samples: int = 151,
     branch: str | None = None, rate: float = 1000.0, duration: float | None = None, strict: bool = False,
     tolerance: ToleranceLike = DEFAULT_TOLERANCE, allow: Allow = (), scene: Scene | None = None,
     avoid: bool | SearchLike = False, winding: str = "nearest", resolve: str = "auto", time_limit: float | None = None,
-    reconfigurations: int = 0,
-) -> Plan:  # fmt: skip
+    reconfigurations: int = 0, tool: str | tuple[str, str] | None = None, frame: str | None = None,
+) -> Plan | GroupPlan:  # fmt: skip
     """Plan the joint motion that takes the tool along a path, and certify its limits.
 
     Parameters
     ----------
-    robot : Robot
-        Arm.
+    robot : Robot, or Group
+        Arm, or several mechanisms.
     path : Path, Program, (4, 4) array, or (n,) array
-        Path of the tool; or a pose, for the straight line to it; or joints [rad, m], for the straight line in joint space.
+        Path of the tool; or a pose, for the straight line to it; or joints [rad, m], for the straight line in joint space. Of a
+        group also goals by member, joints or poses in the world.
     q_start : (n,) array, optional
         Configuration at the path's start [rad, m]; by default the best one there.
     solver : str, path, type, or IKSolver
@@ -86,24 +95,39 @@ def plan(
         Largest computing time of this search [s]. A budget of configurations always limits it.
     reconfigurations : int
         How often the tool may leave the path to continue in another configuration. If it does, the result is a `ProgramPlan`.
+    tool : str, or (2,) tuple of str, optional
+        Member of a group whose tool follows the path, or both members that carry a piece.
+    frame : str, optional
+        Member of a group in whose tool frame the path is given.
 
     Returns
     -------
     Plan
         It is false without a valid motion; then `Plan.failure` has the path parameter, the reason and advice. For a
-        `Program` it is a `ProgramPlan`.
+        `Program` it is a `ProgramPlan`, for a group a `GroupPlan`.
 
     Raises
     ------
     InvalidInput, UnknownName
         An invalid argument; a limit that the law needs and that is missing; an unknown method or law; an arm without shapes.
     """
-    options = PlanOptions(
-        MotionLimits.of(robot) if limits is None else limits, solver=solver, timing=timing, samples=samples, branch=branch,
-        rate=rate, duration=duration, strict=strict, tolerance=Tolerance.of(tolerance), allow=allow, scene=scene, avoid=avoid,
-        winding=winding, resolve=resolve, time_limit=time_limit,
-    )  # fmt: skip
-    return _plan(robot, path, q_start, options, reconfigurations)
+    options: dict[str, Any] = {
+        "solver": solver, "timing": timing, "samples": samples, "branch": branch, "rate": rate, "duration": duration,
+        "strict": strict, "tolerance": Tolerance.of(tolerance), "allow": allow, "scene": scene, "avoid": avoid,
+        "winding": winding, "resolve": resolve, "time_limit": time_limit,
+    }  # fmt: skip
+    if isinstance(robot, Group):
+        return plan_group(robot, path, q_start, (frame, tool), limits, options, partial(_plan, most=reconfigurations))
+    for name, value in (("tool", tool), ("frame", frame)):
+        if value is not None:
+            raise InvalidInput(name, repr(value)[:60], "none for one arm: it names a member of an optik.Group")
+    return _plan(
+        robot,
+        path,
+        q_start,
+        PlanOptions(MotionLimits.of(robot) if limits is None else limits, **options),
+        reconfigurations,
+    )
 
 
 def _plan(

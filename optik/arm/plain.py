@@ -276,12 +276,15 @@ def shapes_to_dict(shapes: Shapes) -> dict[str, Any]:
     rows = [
         [[h.corners.tolist(), h.radius, None if h.excess != h.excess else h.excess] for h in of] for of in shapes.hulls
     ]
-    return dict(zip(SHAPES_KEYS, (*columns, *words_), strict=True)) | unread | ({"hulls": rows} if rows else {})
+    several = {"mechanism": list(shapes.mechanism)} if shapes.mechanism else {}
+    return (
+        dict(zip(SHAPES_KEYS, (*columns, *words_), strict=True)) | unread | ({"hulls": rows} if rows else {}) | several
+    )
 
 
 def shapes_from_dict(data: Any) -> Shapes:
     """Read shapes from plain data."""
-    data = read_record(data, SHAPES_KEYS, "robot.shapes", optional=("unread", "hulls"))
+    data = read_record(data, SHAPES_KEYS, "robot.shapes", optional=("unread", "hulls", "mechanism"))
     links = read_list(data["link"], "robot.shapes.link", "a list of numbers of links")
     m = len(links)
     a, b = (read_numbers(data[k], (m, 3), f"robot.shapes.{k}") for k in ("a", "b"))
@@ -293,7 +296,8 @@ def shapes_from_dict(data: Any) -> Shapes:
     source = read_word(data["source"], "robot.shapes.source")
     pairs = read_list(data.get("unread", []), "robot.shapes.unread")
     unread = [read_words(pair, "robot.shapes.unread") for pair in pairs]
-    return Shapes(capsules, names, data["apart"], np.array(stated), source, unread, data.get("hulls", ()))  # type: ignore[arg-type]
+    of = tuple(read_list(data.get("mechanism", []), "robot.shapes.mechanism"))
+    return Shapes(capsules, names, data["apart"], np.array(stated), source, unread, data.get("hulls", ()), of)  # type: ignore[arg-type]
 
 
 def describe_difference(a: ArmModel, b: ArmModel) -> str:

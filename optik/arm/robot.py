@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optik import kinematics, se3
+from optik.arm.chains import mount_arm
 from optik.arm.inertia import Inertia
 from optik.arm.limits import JointLimits
 from optik.arm.model import UNIT_LENGTH, ArmDynamics, ArmModel
@@ -307,6 +308,26 @@ class Robot(ArmDynamics):
         from optik.arm.urdf_writer import write_urdf
 
         return write_urdf(self, path)
+
+    def with_arm(self, arm: Robot) -> Robot:
+        """Return the chain of this mechanism, such as a slide, and an arm that stands with its base in the tool's frame.
+
+        Shapes and masses are kept if both have them. A `Robot` has no mass of its base: add that of the arm to the last link
+        of the slide (`with_inertia`).
+
+        Parameters
+        ----------
+        arm : Robot
+            The arm.
+
+        Returns
+        -------
+        Robot
+            Its joints are those of this mechanism, then those of the arm. Names that both have get the names of the two.
+        """
+        if not isinstance(arm, Robot):
+            raise InvalidInput("arm", repr(arm)[:60], "a Robot")
+        return mount_arm(self, arm)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the arm as plain data for JSON; `from_dict` restores it to the last bit."""

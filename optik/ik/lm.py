@@ -54,7 +54,7 @@ class LM(IKSolver):
     Parameters
     ----------
     robot : Robot
-        The arm, of at most 12 joints.
+        The arm, of at most 14 joints.
     gain : float
         Gain of the damping, ≥ 0 [1].
     max_iterations : int
@@ -74,7 +74,7 @@ class LM(IKSolver):
     Raises
     ------
     InvalidInput
-        An option out of range, or more than 12 joints.
+        An option out of range, or more than 14 joints.
     """
 
     name: ClassVar[str] = "lm"

@@ -413,7 +413,7 @@ def _crossings(bounds: MotionBounds, path: Path, piece: Indices, ends: tuple[Arr
 # ---------------- analysis of a motion
 
 
-PATH_INDEPENDENT = ("bounds", "tool_speed", "torque_bounds", "jumps", "rest", "peaks")
+PATH_INDEPENDENT = ("members", "bounds", "tool_speed", "torque_bounds", "jumps", "rest", "peaks")
 """Properties of a `MotionAnalysis` that do not depend on the path."""
 
 
@@ -451,6 +451,18 @@ class MotionAnalysis(LimitedMotion):
     def stretched(self, factor: float) -> MotionAnalysis:
         """Return the motion stretched in time by a factor."""
         return MotionAnalysis(self.robot, self.trajectory.stretched(factor), self._path, *self._accuracy)
+
+    def of_member(self, robot: Robot, columns: tuple[int, ...]) -> MotionAnalysis:
+        """Return the analysis of the motion of one mechanism, by its joints among those of this motion, computed once."""
+        if columns not in self.members:
+            moved = map_joints(self.trajectory, np.eye(self.robot.n)[list(columns)])
+            self.members[columns] = MotionAnalysis(robot, moved)
+        return self.members[columns]
+
+    @cached_property
+    def members(self) -> dict[tuple[int, ...], MotionAnalysis]:
+        """Results of `of_member`."""
+        return {}
 
     @property
     def has_path(self) -> bool:

@@ -415,7 +415,7 @@ def path_error(
     most = path.joint_bounds()
     if most is not None and robot.linkage is not None:
         most = most[..., robot.linkage.joint] * np.abs(robot.linkage.factor)
-    errors = _Errors(bounds, path, nearest, np.minimum(enough, ERROR_FLOOR), most)
+    errors = PathErrors(bounds, PieceBounds.of(path), path.end, nearest, np.minimum(enough, ERROR_FLOOR), most)
     proved = errors.bound(piece, at, off) + ERROR_ROUNDING
     error = PathError(*(float(x) for x in (*proved, *errors.found, *errors.when)))
     t, s = (np.append(x[: piece.size], x[2 * piece.size - 1]) for x in (at.t, at.s))
@@ -455,16 +455,16 @@ SAME_SIDES = 1e-9
 def _compare_ends(
     nearest: Nearest, ends: Instants, guess: Array, trajectory: Trajectory
 ) -> tuple[ComparedInstants, Array]:
-    """Return what `_compare` does for the instants at which intervals begin and end, from guesses (k + 1,) between them."""
+    """Compare a motion with its path where intervals begin and end, from guesses (k + 1,) between them."""
     left = np.arange(guess.size - 1)
     both = np.concatenate([left, left + 1])
     if any(np.abs(trajectory.jumps(order)).max(initial=0.0) > SAME_SIDES for order in (0, 1)):
-        return _compare(ends, nearest.places(ends, guess[both]), nearest.asked)
+        return compare_with_path(ends, nearest.places(ends, guess[both]), nearest.asked)
     along = PathPositions(*(x[both] for x in nearest.places(_between(ends), guess)))
-    return _compare(ends, along, nearest.asked)
+    return compare_with_path(ends, along, nearest.asked)
 
 
-def _compare(side: Instants, along: PathPositions, asked: Asked) -> tuple[ComparedInstants, Array]:
+def compare_with_path(side: Instants, along: PathPositions, asked: Asked) -> tuple[ComparedInstants, Array]:
     """Return a motion compared with positions along its path, and the distances and angles (k, 2) to them."""
     error, off = np.empty((side.t.size, 3, 12)), np.empty((side.t.size, 2))
     compare(side.poses, side.twists, along.poses, along.twist, error, off)
@@ -479,15 +479,17 @@ def _compare(side: Instants, along: PathPositions, asked: Asked) -> tuple[Compar
     return ComparedInstants(side.t, side.joints, along.s, along.speed, along.path_joints, error), off
 
 
-class _Errors:
+class PathErrors:
     """Proved bounds on distance and angle between tool and path, and the backward stretches of the motion.
 
     ``found`` and ``when`` (2,) are the largest values found, and their times [s].
     """
 
-    def __init__(self, bounds: MotionBounds, path: Path, nearest: Nearest, floor: Array, most: Array | None) -> None:
+    def __init__(
+        self, bounds: MotionBounds, path: PieceBounds, end: float, nearest: Nearest, floor: Array, most: Array | None
+    ) -> None:
         self._bounds, self._nearest, self._floor = bounds, nearest, floor
-        self._end, self._path_bounds, self._joint_bounds = path.end, PieceBounds.of(path), most
+        self._end, self._path_bounds, self._joint_bounds = end, path, most
         self.found, self.when = np.zeros(2), np.zeros(2)
         self.falls: list[Array] = []
 
@@ -520,7 +522,7 @@ class _Errors:
             divide(at, (left, right), parts, inner, new)
             t, guess = inner
             side = self._bounds.at(np.repeat(piece, parts - 1), t)
-            middle, off = _compare(side, self._nearest.places(side, guess), self._nearest.asked)
+            middle, off = compare_with_path(side, self._nearest.places(side, guess), self._nearest.asked)
             self._keep_largest(t, off)
             at = ComparedInstants(*(np.concatenate(pair) for pair in zip(at, middle, strict=True)))
             piece, (left, right) = np.repeat(piece, parts), new

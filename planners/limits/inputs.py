@@ -110,6 +110,9 @@ class LimitedMotion(Protocol):
     robot: Robot
     trajectory: Trajectory
 
+    def of_member(self, robot: Robot, columns: tuple[int, ...]) -> LimitedMotion:
+        """Return the motion of one mechanism, by its joints among those of this motion."""
+
     @property
     def path(self) -> Path:
         """The path of the motion; raises InvalidInput if it has none."""

@@ -19,6 +19,7 @@ from optik.registry import build_method, find_described, names
 from optik.types import Array, Flags
 from planners.limits.base import Limit, middle_and_half, ratio_to_limit, scale_of, sides, symmetric_limit
 from planners.limits.inputs import Extreme, Gears, LimitedMotion, PathPoints, ToolExtreme
+from planners.limits.member import MemberLimit
 from planners.paths.base import Path
 from planners.trajectory import Extrema
 from planners.trajectory.curve import chain_rows
@@ -412,10 +413,15 @@ def limit_names() -> tuple[str, ...]:
     return tuple(dict.fromkeys((*ALL_LIMITS, *names(FOLDER), *_ADDED)))
 
 
+def is_known(name: str) -> bool:
+    """Return whether a name is that of a limit, or of a member's limit, such as ``"arm.torque"``."""
+    return name in limit_names() or (name.count(".") == 1 and name.rpartition(".")[2] in limit_names())
+
+
 def check_names(names: object, argument: str) -> tuple[str, ...]:
     """Check that a tuple consists of names of limits, and return it."""
     given = names if isinstance(names, tuple) else (names,)
-    wrong = [name for name in given if name not in ALL_LIMITS and name not in limit_names()]
+    wrong = [name for name in given if not is_known(name)]
     if wrong or given is not names:
         raise InvalidInput(argument, repr((wrong or given)[0])[:60], f"a tuple out of {', '.join(limit_names())}")
     return given
@@ -425,6 +431,9 @@ def kind_of(name: str) -> Limit:
     """Return the kind of limit of a name, or of a file, which is run."""
     found: Limit | None = _BY_NAME.get(name) or _ADDED.get(name)
     if found is None:
+        member, _, own = name.rpartition(".")
+        if member and is_known(name):
+            return _ADDED.setdefault(name, MemberLimit(member, kind_of(own)))
         if not is_path(name) and name not in names(FOLDER):
             raise UnknownName("limit", name, limit_names(), similar=find_described(FOLDER, name, limit_names()))
         found = build_method(FOLDER, name, "limit")

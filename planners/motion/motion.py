@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
 from math import factorial
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, NoReturn, Protocol, cast
 
 import numpy as np
 import scipy
@@ -28,9 +28,11 @@ from planners.certificate.violation import ALLOWANCES, MOVING, Allow, check_allo
 from planners.following.failure import FollowStatus
 from planners.following.joint_path import JointPath
 from planners.limits import ALL_LIMITS, MotionLimits, check_names, check_path, kind_of
+from planners.limits.base import sides
 from planners.limits.inputs import TorqueRatios
+from planners.limits.member import MemberLimit
 from planners.paths.base import Path
-from planners.trajectory import State, Trajectory, shift_pieces
+from planners.trajectory import State, Trajectory, map_joints, shift_pieces
 from planners.trajectory.curve import quintic
 
 # ---------------- events
@@ -444,17 +446,16 @@ STATIC_EXCESS = 1e-3
 both, the time law decides."""
 
 
-def static_torque(joint_path: JointPath, limit: Array, since: float = 0.0) -> TorqueRatios:
+def static_torque(robot: Robot, along: Trajectory, limit: Array, since: float = 0.0) -> TorqueRatios:
     """Return bounds on the static torque on a joint path: of gravity, and of Coulomb friction in the path's direction.
 
     Where a joint rests or reverses, as all joints do at both ends, friction counts on both sides.
     """
-    along = Trajectory(scipy.interpolate.PPoly(joint_path.coefficients, joint_path.nodes))
-    analysis = MotionAnalysis(joint_path.robot, along)
+    analysis = MotionAnalysis(robot, along)
     begin = int(np.searchsorted(along.knots[1:-1], since, side="right"))
     pieces, knots = np.arange(begin, along.knots.size - 1), along.knots[begin:]
     first, last = (analysis.joints_at(pieces, s) for s in (knots[:-1], knots[1:]))
-    torques = TorqueBounds(joint_path.robot, knots, first, last, still=True)
+    torques = TorqueBounds(robot, knots, first, last, still=True)
     found = torques.bound_ratios(limit, rate=False, excess=STATIC_EXCESS)
     for model, ends in zip(torques.models, torques.ends, strict=True):
         resting = [(along.end, ends.right[-1, 0])] + ([] if since > 0.0 else [(0.0, ends.left[0, 0])])
@@ -477,24 +478,29 @@ def _include_rest(found: TorqueRatios, limit: Array, s: float, value: Array, fri
 
 def check_statics(joint_path: JointPath, limits: MotionLimits, enforced: tuple[str, ...], since: float = 0.0) -> None:
     """Raise NoSolution if an enforced limit is exceeded along a path however slowly the arm moves."""
-    bounds = limits.bounds(joint_path.robot.n)
-    for name in limits.extra or ():
-        if name in enforced:
-            kind_of(name).check_still(joint_path, bounds[name])
-    if limits.torque is None or "torque" not in enforced:
-        return
-    torque = bounds["torque"]
-    pair = np.stack([-torque, torque]) if torque.ndim == 1 else torque
-    still = static_torque(joint_path, pair, since)
-    ratio = np.where(np.isfinite(pair[1]), still.found, 0.0)
-    i = int(ratio.argmax())
-    if ratio[i] <= 1.0:
-        return
-    limit = abs(float(pair[1 if still.upper[i] else 0, i]))
-    robot, s = joint_path.robot, float(still.time[i])
-    force = "N" if robot.prismatic[i] else "N·m"
+    bounds, robot = limits.bounds(joint_path.robot.n), joint_path.robot
+    along = Trajectory(scipy.interpolate.PPoly(joint_path.coefficients, joint_path.nodes))
+    loaded = [("", robot, along, bounds["torque"])] if limits.torque is not None and "torque" in enforced else []
+    for name in (one for one in limits.extra or () if one in enforced):
+        kind, limit = kind_of(name), cast(Any, bounds[name])
+        kind.check_still(joint_path, limit)
+        if isinstance(kind, MemberLimit) and kind.kind.name == "torque":
+            moved = map_joints(along, np.eye(robot.n)[list(limit.columns)])
+            loaded.append((f"{kind.member}/", limit.robot, moved, kind.kind.array(limit.value, limit.robot.n)))
+    for prefix, arm, moved, given in loaded:
+        pair = np.stack(sides(given))
+        static = static_torque(arm, moved, pair, since)
+        ratio = np.where(np.isfinite(pair[1]), static.found, 0.0)
+        if ratio.max() > 1.0:
+            _refuse_static(prefix, arm, joint_path.path.unit, static, pair, int(ratio.argmax()))
+
+
+def _refuse_static(prefix: str, robot: Robot, unit: str, static: TorqueRatios, limit: Array, i: int) -> NoReturn:
+    """Raise NoSolution for the static torque of one joint, which exceeds its limit."""
+    most, s = abs(float(limit[1 if static.upper[i] else 0, i])), float(static.time[i])
+    force, joint = "N" if robot.prismatic[i] else "N·m", prefix + robot.joint_names[i]
     raise NoSolution(
-        f"the limit of {limit:.6g} {force} on the torque of {robot.joint_names[i]} is below the {ratio[i] * limit:.6g} {force} "
-        f"that gravity and friction need at s = {s:.6g} {joint_path.path.unit}, however slowly the arm moves",
-        s=s, joint=robot.joint_names[i], advice="another path, a lighter payload, or a higher limit",
+        f"the limit of {most:.6g} {force} on the torque of {joint} is below the {static.found[i] * most:.6g} {force} "
+        f"that gravity and friction need at s = {s:.6g} {unit}, however slowly the arm moves",
+        s=s, joint=joint, advice="another path, a lighter payload, or a higher limit",
     )  # fmt: skip

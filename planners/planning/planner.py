@@ -185,7 +185,14 @@ class PathPlanner:
         if followed.failure is not None:
             return request.fail(PlanStatus(followed.failure.status), followed.joint_path, followed.failure), None
         assert followed.joint_path is not None
-        joints, law, optimum = followed.joint_path, request.law, None
+        return self.time_joints(path, followed.joint_path, duration, density)
+
+    def time_joints(
+        self, path: Path, joints: JointPath, duration: float | None, density: float = 1.0
+    ) -> tuple[Plan, Optimum | None]:
+        """Return the plan of a joint path along a path, and the optimum if the law has one."""
+        request = self.request if path is self.request.path else replace(self.request, path=path)
+        law, optimum = request.law, None
         enforced = law.list_enforced(request.limits)
         try:
             check_statics(joints, request.limits, enforced)

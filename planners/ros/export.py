@@ -8,6 +8,7 @@ import os
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
+from functools import partial
 from pathlib import Path as FilePath
 from typing import Any, NamedTuple
 
@@ -344,10 +345,14 @@ class RosExport(NamedTuple):
     largest_jump: float
 
 
+Controllers = Mapping[str, str] | None
+"""The controllers of the members of a group."""
+
+
 def to_ros(
     motion: Motion | HasMotion, file: str | os.PathLike[str], *, rate: float | None = None, interpolation: str = "quintic",
     joint_names: JointNames = None, start: ArrayLike | Mapping[str, float] | None = None, tolerance: float = 0.01,
-    strict: bool = False, keep_speed: bool = True, frame_id: str = "", allow: Allow = (),
+    strict: bool = False, keep_speed: bool = True, frame_id: str = "", allow: Allow = (), controllers: Controllers = None,
 ) -> RosExport:  # fmt: skip
     """Write a valid motion as a ``trajectory_msgs/JointTrajectory``, stretched until the controller respects its limits.
 
@@ -379,6 +384,9 @@ def to_ros(
         Of the message's header.
     allow : str or several
         Violations to permit, as for `planners.save`. The motion is not stretched for limits that may be exceeded.
+    controllers : mapping of str to str, optional
+        For the plan of a group the controller of each member. One file for each is written beside `file`, with the member's
+        name before the suffix, its own joint names, and the same times in all of them.
 
     Returns
     -------
@@ -400,10 +408,33 @@ def to_ros(
     motion.check_valid(allow)
     message, sent = ros_message(motion, rate=rate, strict=strict, keep_speed=keep_speed, allow=allow, **options)
     _check_start(motion, start, tolerance, find_columns(motion.robot, joint_names))
-    text = to_text(message, suffix, _remarks(motion, rate, sent))
-    write_atomically(file, lambda part: part.write_text(text, encoding="utf-8"))
+    messages: dict[FilePath, tuple[dict[str, Any], list[str]]] = {FilePath(file): (message, [])}
+    if controllers is not None:
+        messages = {
+            FilePath(file).with_suffix(f".{name}{suffix}"): (select_joints(message, name), [f"for {one}"])
+            for name, one in controllers.items()
+        }
+    for target, (one, remarks) in messages.items():
+        text = to_text(one, suffix, [*_remarks(motion, rate, sent), *remarks])
+        write_atomically(target, partial(FilePath.write_text, data=text, encoding="utf-8"))
     _write_events(FilePath(file).with_suffix(".events.json"), motion, sent)
     return sent
+
+
+def select_joints(message: dict[str, Any], member: str) -> dict[str, Any]:
+    """Return the message for one member of a group, whose joints are named MEMBER/JOINT, under their own names."""
+    names = [name.rpartition("/") for name in message["joint_names"]]
+    chosen = [i for i, (of, _, _) in enumerate(names) if of == member]
+    if not chosen:
+        raise InvalidInput("controllers", repr(member)[:60], " and ".join(dict.fromkeys(of for of, _, _ in names)))
+    points = [
+        {
+            key: [value[i] for i in chosen] if isinstance(value, list) and value else value
+            for key, value in point.items()
+        }
+        for point in message["points"]
+    ]
+    return message | {"joint_names": [names[i][2] for i in chosen], "points": points}
 
 
 def ros_message(

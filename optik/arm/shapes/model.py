@@ -19,7 +19,7 @@ from optik.arm.shapes.enclosure import Hull
 from optik.arm.shapes.hulls import check_hulls, list_hulls
 from optik.check import check_count, check_kind, check_words, format_value
 from optik.errors import InvalidInput
-from optik.types import Array, Indices
+from optik.types import Array, Flags, Indices
 
 NEIGHBOURS = "neighbours"
 """Reason why capsules of one link and of two consecutive links are not checked: they touch at their joint."""
@@ -53,6 +53,8 @@ class Shapes(ByContent):
     hulls : sequence of sequences of (corners, radius, excess), optional
         For each capsule convex hulls of the same part of the body, which decide where capsules touch: corners (v, 3) inside
         the capsule, radius of their rounding and excess [m]. By default, and where there are none, the capsule decides.
+    mechanism : sequence of int, optional
+        For each capsule the number of its mechanism, in a chain through several: only links of one mechanism are neighbours.
 
     Raises
     ------
@@ -67,6 +69,7 @@ class Shapes(ByContent):
     source: str = ""
     unread: tuple[tuple[str, str], ...] = ()
     hulls: tuple[tuple[Hull, ...], ...] = ()
+    mechanism: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         unread = tuple(
@@ -81,6 +84,11 @@ class Shapes(ByContent):
         checked = {"capsules": capsules, "names": names, "excess": check_excess(self.excess, m, "shapes.excess")}
         checked["unread"] = unread
         checked["hulls"] = check_hulls(self.hulls, capsules)
+        for k in self.mechanism:
+            check_count(k, "shapes.mechanism", 0)
+        if len(self.mechanism) not in (0, m):
+            raise InvalidInput("shapes.mechanism", f"{len(self.mechanism)} numbers", f"one for each of {m} capsules")
+        checked["mechanism"] = tuple(map(int, self.mechanism))
         for field, value in checked.items():
             object.__setattr__(self, field, value)
         object.__setattr__(self, "apart", tuple(self._checked_apart(self.apart)))
@@ -90,7 +98,7 @@ class Shapes(ByContent):
     @cached_property
     def content(self) -> bytes:
         """SHA-256 of the content, equal on all machines."""
-        digest = hashlib.sha256(repr((self.names, self.apart, *self.unread)).encode())
+        digest = hashlib.sha256(repr((self.names, self.apart, *self.unread, *self.mechanism)).encode())
         for array in (*self.capsules, self.excess):
             digest.update(array.tobytes())
         for k, hull in ((k, hull) for k, of in enumerate(self.hulls) for hull in of):
@@ -142,13 +150,18 @@ class Shapes(ByContent):
             return np.array([i for i, name in enumerate(self.names) if name == part], dtype=np.int64)
         return np.flatnonzero(self.capsules[0] == part)
 
+    def _are_near(self, one: Indices, other: Indices) -> Flags:
+        """Return which pairs of capsules are on consecutive links of one mechanism."""
+        link, of = self.capsules[0], np.array(self.mechanism or [0] * self.m)
+        return np.asarray((np.abs(link[one] - link[other]) == 1) & (of[one] == of[other]))
+
     @cached_property
     def pairs(self) -> Indices:
         """Pairs (k, 2) of capsules that are checked, the lower index first."""
         link = self.capsules[0]
         one, other = np.triu_indices(self.m, 1)
         examined = np.zeros((self.m, self.m), dtype=bool)
-        examined[one, other] = np.abs(link[one] - link[other]) > 1
+        examined[one, other] = ~self._are_near(one, other) & (link[one] != link[other])
         for first, second, _ in self.apart:
             for i in self.find_capsules(first):
                 examined[i, self.find_capsules(second)] = examined[self.find_capsules(second), i] = False
@@ -161,13 +174,15 @@ class Shapes(ByContent):
         """Pairs of names that are not checked although they move, each with its reason."""
         link, names = self.capsules[0], self.names or tuple(str(i) for i in self.capsules[0].tolist())
         found: dict[tuple[str, str], str] = {}
-        for i, j in zip(*np.triu_indices(self.m, 1), strict=True):
-            if abs(link[i] - link[j]) == 1 and names[i] != names[j]:
+        one, other = np.triu_indices(self.m, 1)
+        near = self._are_near(one, other)
+        for i, j in zip(one[near], other[near], strict=True):
+            if names[i] != names[j]:
                 found.setdefault((names[i], names[j]), NEIGHBOURS)
         for first, second, reason in self.apart:
             for i in self.find_capsules(first):
                 for j in self.find_capsules(second):
-                    if abs(link[i] - link[j]) > 1:
+                    if link[i] != link[j] and not self._are_near(i, j):
                         found.setdefault((names[min(i, j)], names[max(i, j)]), reason)
         return tuple((one, other, reason) for (one, other), reason in found.items())
 
@@ -268,6 +283,8 @@ class Shapes(ByContent):
         excess = np.concatenate((kept.excess, [c.excess for c in added]))
         unread = tuple(pair for pair in self.unread if pair[0] != name)
         hulls = (*kept.hulls, *(() for _ in added)) if kept.hulls else ()
+        if kept.mechanism:
+            raise InvalidInput("name", repr(name), "a part of a member of the group, by its with_shapes")
         return replace(kept, capsules=rows, names=names, excess=excess, unread=unread, hulls=hulls)  # type: ignore[arg-type]
 
     def without_part(self, name: str) -> Shapes:
@@ -291,7 +308,8 @@ class Shapes(ByContent):
         rows = list(zip(*(column[kept] for column in self.capsules), strict=True))
         apart = tuple(pair for pair in self.apart if name not in pair[:2])
         names, hulls = tuple(self.names[i] for i in kept), tuple(self.hulls[i] for i in kept if self.hulls)
-        return Shapes(rows, names, apart, self.excess[kept], self.source, self.unread, hulls)  # type: ignore[arg-type]
+        mechanism = tuple(self.mechanism[i] for i in kept if self.mechanism)
+        return Shapes(rows, names, apart, self.excess[kept], self.source, self.unread, hulls, mechanism)  # type: ignore[arg-type]
 
     def transform_part(self, part: str | int, T: Array) -> Shapes:
         """Return the shapes with a part transformed in its links' frames.

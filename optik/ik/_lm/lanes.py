@@ -32,15 +32,17 @@ from optik.types import Array
 (AT_FIRST, AT_ATTEMPTS, AT_PATIENCE, AT_PROGRESS, AT_FEW) = range(5, 10)
 AT_REACH, AT_BASE_R, AT_BASE_P, AT_TOOL_R, AT_TOOL_P, AT_SPARE = 10, 18, 27, 30, 39, 42
 
-MOST_JOINTS = 12
+MOST_JOINTS = 14
 """Largest number of joints: the size of the kernels' work arrays."""
 
 # For all joints: p (three values), cos α, sin α, θ, 1 if prismatic, 1 if not locked, lower limit, upper limit.
-AT_PX, AT_PY, AT_PZ, AT_COS_A, AT_SIN_A, AT_ZERO, AT_SLIDES, AT_MOVES, AT_LOWER, AT_UPPER = range(43, 163, MOST_JOINTS)
+AT_PX, AT_PY, AT_PZ, AT_COS_A, AT_SIN_A, AT_ZERO, AT_SLIDES, AT_MOVES, AT_LOWER, AT_UPPER = range(
+    43, 43 + 10 * MOST_JOINTS, MOST_JOINTS
+)
 
 COMPARED_SEEDS, SEEDS = 256, 1024
 """Number of seeds whose poses are compared with the target, and number of all seeds."""
-AT_BEST_E, AT_BEST, AT_SEEDS = 163, 164, 176
+AT_BEST_E, AT_BEST, AT_SEEDS = 43 + 10 * MOST_JOINTS, 44 + 10 * MOST_JOINTS, 44 + 11 * MOST_JOINTS
 """Positions of ½|e|² and of the configuration of the best iterate of earlier attempts, if AT_FIRST is not the first attempt.
 Then follow the seeds' poses (13, COMPARED_SEEDS) and configurations (SEEDS, n), first of the seeds anywhere inside the
 limits. For arms with redundant joints, those of the seeds with joints at limits follow."""
@@ -214,32 +216,33 @@ def angle_of(s: float, c: float) -> tuple[float, float]:
 # ---------------- damped Gauss–Newton iterations in lanes
 
 
-# Rows of the work array w (ROWS, L) for at most 12 joints, relative to the frame of the first joint at q = 0: the
+# Rows of the work array w (ROWS, L) for at most MOST_JOINTS joints, relative to the frame of the first joint at q = 0: the
 # configuration Q, the bounds LOW and HIGH of steps, the BEST iterate, sines and cosines of the joint angles.
-Q, LOW, HIGH, BEST, SIN, COS = 0, 12, 24, 36, 48, 60
+Q, LOW, HIGH, BEST, SIN, COS = range(0, 6 * MOST_JOINTS, MOST_JOINTS)
+AFTER = 6 * MOST_JOINTS
+"""First row after those with a value for each joint."""
 # Rotation R and position P of the tool; GOAL, the target's rotation by rows (without the tool's) and its position; the
 # error twist e, half its square E, and the squares S of its position and rotation parts.
-R, P, GOAL, e, E, S = 72, 81, 84, 96, 102, 103
-PICKS = 105
+R, P, GOAL, e, E, S = AFTER, AFTER + 9, AFTER + 12, AFTER + 24, AFTER + 30, AFTER + 31
+PICKS = AFTER + 33
 """First row of the seeds nearest to the goal, 16 of each of two kinds."""
 # Number of the problem, of the attempt, and of the iteration; iterations of all attempts, least E of the attempt, iterations
 # without progress; whether steps are clamped, whether a solution was outside the limits, E at BEST, final status, whether an
 # attempt begins, whether the lane moves to NEXT, whether it needs a decision, and the held joints, one bit each.
-(PROBLEM, ATTEMPT, ITERATION, TOTAL, LEAST_E, STALL, CLAMPED) = range(137, 144)
-(OUTSIDE, BEST_E, ENDING, BEGINS, MOVED, FLAG, HELD_JOINTS) = range(144, 151)
-PICKED, NEXT = 151, 153
+(PROBLEM, ATTEMPT, ITERATION, TOTAL, LEAST_E, STALL, CLAMPED) = range(AFTER + 65, AFTER + 72)
+(OUTSIDE, BEST_E, ENDING, BEGINS, MOVED, FLAG, HELD_JOINTS) = range(AFTER + 72, AFTER + 79)
+PICKED, NEXT = AFTER + 79, AFTER + 81
 """Rows of the flags whether PICKS are known, for each of two kinds, and of the configuration to which a lane moves."""
-LEAST_END, SAME = 165, 166
+LEAST_END, SAME = NEXT + MOST_JOINTS, NEXT + MOST_JOINTS + 1
 """Rows of the least E at the end of an attempt, and of the number of attempts that ended there; see `Ends`."""
-ROWS = 167
+ROWS = NEXT + MOST_JOINTS + 2
 """Rows of the work array."""
 PUSHED = -1.0
 """Value of HELD_JOINTS for a lane that holds, in each step, the joints that its error pushes out of their bounds."""
 
 # Rows of the geometry g (GEOMETRY, L): joint origins and joint axes. The Jacobian J (6 n, L) is stored by columns.
-O, Z = 0, 36
-GEOMETRY = 72
-"""Rows of the geometry, for at most 12 joints."""
+O, Z, GEOMETRY = 0, 3 * MOST_JOINTS, 6 * MOST_JOINTS
+"""First rows of origins and axes, and number of rows, of the geometry."""
 NEARLY_HALF_TURN = 9.8695
 """Square of an angle just short of half a turn [rad²]."""
 

@@ -1,0 +1,1 @@
+"""Motions of several mechanisms on one clock."""

@@ -1,0 +1,152 @@
+"""The planner of groups: it plans the motion of a chain through two members."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from optik.arm.group import WORLD, Group
+from optik.arm.robot import Robot
+from optik.errors import InvalidInput, NoSolution
+from optik.ik import IKSolver, get_solver, solve_ik
+from optik.ik.problem import check_start
+from optik.registry import label
+from optik.scene import Scene
+from optik.scene.world import chain_in_scene
+from optik.types import Array
+from planners.certificate.violation import LIMIT_WORDS, check_allow
+from planners.following.follow import FollowResult, make_follower, read_time_limit
+from planners.group.carry import follow_together
+from planners.group.limits import PATH, join_limits, read_limits
+from planners.group.result import GroupPlan
+from planners.limits import TOOL_SPEEDS
+from planners.motion import PlanStatus
+from planners.paths.base import Path
+from planners.planning.planner import PATH_FRACTION, PathPlanner, PlanOptions, PlanRequest
+from planners.planning.result import Plan
+from planners.timing import make_law
+
+PlanChain = Callable[[Robot, Any, Array | None, PlanOptions], Plan]
+"""The planner of one arm."""
+
+
+def plan_group(
+    group: Group, path: Any, q_start: Any, names: tuple[str | None, Any], limits: Any,
+    options: Mapping[str, Any], plan_chain: PlanChain,
+) -> GroupPlan:  # fmt: skip
+    """Return the plan of a group: along a path in the frame of one member, of a piece that two carry, or to goals of members.
+
+    names: the member whose tool is the frame of the path, and the one whose tool follows it, or both that carry a piece.
+    """
+    carriers = names[1] if isinstance(names[1], tuple | list) else ()
+    frame, tool = _find_chain(group, _check_carriers(group, carriers, names[0]) if carriers else names)
+    if isinstance(path, Mapping) and names != (None, None):
+        raise InvalidInput("tool", repr(names[1]), "none: goals by member have no path")
+    scene, order, by_member = options["scene"], group.order(frame, tool), read_limits(group, limits)
+    chain = group.chain(frame, tool) if scene is None else chain_in_scene(group, frame, tool, scene)
+    start, goal = None if q_start is None else _read_joints(group, q_start), path
+    if isinstance(path, Mapping):
+        if start is None:
+            raise InvalidInput("q_start", "None", "the configuration that the motion starts from")
+        goal = _find_goal(group, path, group.split(start))[order]
+    if carriers:  # the piece moves over ground, as the tools of both
+        by_member[tool] = replace(
+            by_member[tool],
+            **{name: by_member[PATH].value(name) for name in TOOL_SPEEDS if by_member[PATH].value(name) is not None},
+        )
+    joined = join_limits(group, frame, tool, by_member)
+    view = PlanOptions(**{**options, "limits": joined, "scene": None if scene is None else Scene()})
+    result = partial(GroupPlan, group, frame, tool, by_member, scene)
+    if carriers:
+        starts = [None if start is None else start[group.columns(name)] for name in (frame, tool)]
+        arms = [group.members[name] for name in (frame, tool)]
+        return result(_carry(chain, arms, path, starts, view), dict.fromkeys((frame, tool), path))
+    return result(plan_chain(chain, goal, None if start is None else start[order], view), {})
+
+
+def _check_carriers(group: Group, carriers: Sequence[Any], frame: str | None) -> tuple[str, str]:
+    """Return the two members that carry a piece."""
+    if len(carriers) != 2 or len({*carriers}) != 2 or any(name not in group.members for name in carriers):
+        raise InvalidInput("tool", repr(carriers)[:60], f"two of {', '.join(group.members)}, to carry a piece")
+    if frame not in (None, WORLD):
+        raise InvalidInput("frame", repr(frame), f"none, or {WORLD!r}: the path of a piece is in the world")
+    return carriers[0], carriers[1]
+
+
+def _carry(
+    chain: Robot, arms: Sequence[Robot], path: Any, starts: Sequence[Array | None], options: PlanOptions
+) -> Plan:
+    """Return the plan of the chain through two arms that carry a piece, of the first pair of branches that solves it."""
+    if not isinstance(path, Path) or path.in_joints or path.asked != "pose":
+        raise InvalidInput("path", repr(path)[:60], "a path of the piece with all six coordinates")
+    law, seconds = make_law(options.timing), read_time_limit(options.resolve, options.time_limit)
+    solvers = [get_solver(arm, options.solver) for arm in arms]
+    law.need(options.limits, chain)
+    request = PlanRequest(
+        chain, path, options.limits, label(solvers[0]), law, options.tolerance, options.rate, scene=options.scene,
+        allow=check_allow(options.allow, LIMIT_WORDS),
+    )  # fmt: skip
+    planner, allowed = (
+        PathPlanner(solvers[0], request, options.samples, options.strict, seconds),
+        options.tolerance.scale(PATH_FRACTION),
+    )
+
+    def follow(solver: IKSolver, q: Array | None) -> FollowResult:
+        branch = options.branch or ("best" if q is None else "start")
+        return make_follower(solver, path, q, branch, options.samples, allowed, None, seconds).run()
+
+    plans = []
+    for joints in follow_together(solvers, path, chain, options.scene, follow, starts):
+        if isinstance(joints, FollowResult):
+            assert joints.failure is not None
+            return request.fail(PlanStatus(joints.failure.status), None, joints.failure)
+        plans.append(planner.time_joints(joints.path, joints, options.duration)[0])
+        if plans[-1]:
+            return plans[-1]
+    return plans[0]
+
+
+def _find_chain(group: Group, names: tuple[str | None, str | None]) -> tuple[str, str]:
+    """Return the two members of the chain; by default those that are left."""
+    members = list(group.members)
+    if len(members) != 2:
+        raise InvalidInput("group", f"{len(members)} members", "two members, for a plan")
+    frame, tool = names
+    if tool is None:
+        tool = next(name for name in members[::-1] if name != frame) if frame is not None else members[0]
+    if frame is None:
+        frame = next((name for name in members if name != tool), WORLD)
+    if frame == WORLD:
+        raise InvalidInput("frame", repr(frame), f"a member; in the world plan with group.members[{tool!r}] alone")
+    group.chain(frame, tool)
+    return frame, tool
+
+
+def _read_joints(group: Group, q: Any) -> Array:
+    """Return joints of the group, given as such or by member."""
+    parts = group.split(group.stack(q) if isinstance(q, Mapping) else q)
+    return group.stack(
+        {name: check_start(group.members[name], part, f"q_start[{name!r}]") for name, part in parts.items()}
+    )
+
+
+def _find_goal(group: Group, goals: Mapping[str, ArrayLike], start: Mapping[str, Array]) -> Array:
+    """Return the joints of goals by member: joints, or a pose in the world; a member without a goal stays."""
+    if unknown := [name for name in goals if name not in group.members]:
+        raise InvalidInput("path", ", ".join(map(str, unknown)), f"goals of {', '.join(group.members)}")
+    found = dict[str, Array]()
+    for name, robot in group.members.items():
+        goal = np.asarray(goals.get(name, start[name]), dtype=np.float64)
+        if goal.shape != (4, 4):
+            found[name] = check_start(robot, goal, f"path[{name!r}]")
+            continue
+        result = solve_ik(robot, goal, q0=start[name])
+        if not result:
+            raise NoSolution(f"no configuration of {name} reaches the goal ({result.status})", advice="another goal")
+        found[name] = result.q
+    return group.stack(found)

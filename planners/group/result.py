@@ -1,0 +1,174 @@
+"""The plan of a group: the motion of a chain through its members, that of each member, and what is proved between them."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import combinations_with_replacement
+from typing import Any
+
+import numpy as np
+
+from optik.arm.group import Group
+from optik.scene import Scene
+from optik.view.page import Page
+from planners.certificate.certificate import Certificate
+from planners.certificate.clearance import Clearance, clearance
+from planners.certificate.held import Held, prove_held
+from planners.files import save
+from planners.following.failure import PlanFailure
+from planners.limits import DERIVATIVES, MotionLimits
+from planners.motion import Motion, PlanStatus
+from planners.paths.base import Path
+from planners.paths.joint_curve import JointCurve
+from planners.planning.result import Plan
+from planners.trajectory import Trajectory, map_joints
+
+OF_MEMBER = "of one member"
+"""Reason why a pair is left out of the distance between two members."""
+
+
+@dataclass(frozen=True, repr=False)
+class GroupPlan:
+    """The plan of a group. ``bool(plan)`` is success: there is a motion, and its certificate is valid.
+
+    Attributes
+    ----------
+    group, limits, scene
+        The arguments of the plan; limits by member, and of ``"path"`` those along the path.
+    frame, tool : str
+        The members of the chain: from the tool of the first to that of the second.
+    view : Plan
+        The plan of the chain, whose joints are in its order. The certificate has the limits of all members: ``"arm.torque"`` is
+        judged in the arm's own base.
+    paths : mapping of str to Path
+        The paths of members that follow one in the world: those that carry a piece.
+    given : mapping of str to Motion, optional
+        The motions of the members, if they were given (`planners.combine`).
+    """
+
+    group: Group
+    frame: str
+    tool: str
+    limits: Mapping[str, MotionLimits]
+    scene: Scene | None
+    view: Plan
+    paths: Mapping[str, Path]
+    given: Mapping[str, Motion] | None = None
+
+    def __bool__(self) -> bool:
+        return bool(self.view) and all(motion.certificate.is_valid for motion in self._along.values())
+
+    def __repr__(self) -> str:
+        return str(self)
+
+    def __str__(self) -> str:
+        lines = [str(self.view)]
+        if self.view.has_motion:
+            for name, motion in self._along.items():
+                lines += [f"{name}: {line}" for line in str(motion.certificate).splitlines()]
+            lines += [] if self.held is None else [f"held: {self.held}"]
+            for name, one in self.clearances.items() if self.scene is not None else ():
+                lines += [f"clearance of {name} {words} {kind.describe()}" for words, kind in one.kinds.items()]
+        return "\n".join(lines)
+
+    def _repr_html_(self) -> str:
+        """Return verdict, peaks and plots for a notebook."""
+        return self.view._repr_html_()
+
+    @property
+    def status(self) -> PlanStatus:
+        """How planning ended."""
+        return self.view.status
+
+    @property
+    def failure(self) -> PlanFailure | None:
+        """Where and why it failed."""
+        return self.view.failure
+
+    @property
+    def certificate(self) -> Certificate:
+        """The certificate of the chain's motion; raises `NoSolution` if there is no motion."""
+        return self.view.certificate
+
+    @property
+    def motion(self) -> Motion:
+        """The motion of the chain, for files and messages; raises `NoSolution` if there is none."""
+        return self.view.motion
+
+    @property
+    def duration(self) -> float:
+        """Duration of the motion [s]; raises `NoSolution` if there is no motion."""
+        return self.view.duration
+
+    @cached_property
+    def trajectory(self) -> Trajectory:
+        """The motion of all joints, in the order of the group; raises `NoSolution` if there is no motion."""
+        order = self.group.order(self.frame, self.tool)
+        return map_joints(self.view.trajectory, np.eye(self.group.n)[np.argsort(order)])
+
+    @cached_property
+    def members(self) -> dict[str, Motion]:
+        """The motion of each member with its limits and the scene; raises `NoSolution` if there is no motion."""
+        return dict(self.given) if self.given else {name: self._make_motion(name) for name in self.group.members}
+
+    @property
+    def _along(self) -> dict[str, Motion]:
+        """The motions of members that follow a path in the world."""
+        return {name: self.members[name] for name in self.paths}
+
+    def _make_motion(self, name: str) -> Motion:
+        """Return the motion of a member."""
+        robot, limits, joints = self.group.members[name], self.limits[name], self.view.joint_path
+        columns = np.argsort(self.group.order(self.frame, self.tool))[self.group.columns(name)]
+        rows = joints.at_nodes[:, :, columns]
+        path = self.paths.get(name) or JointCurve(robot, joints.nodes, rows[:, 0], rows[:, 1:])
+        moved = map_joints(self.view.trajectory, np.eye(self.group.n)[columns])
+        kinds = {one: one if one in DERIVATIVES else f"{name}.{one}" for one in limits.names}
+        enforced = tuple(one for one, kind in kinds.items() if kind in self.certificate.enforced)
+        tolerance = self.certificate.tolerance
+        return Motion(robot, path, limits, moved, self.view.law, enforced, tolerance, scene=self._find_scene(name))
+
+    def _find_scene(self, member: str) -> Scene | None:
+        """Return the scene of a member alone, whose links in ``allow`` have its own names."""
+        if self.scene is None:
+            return None
+        parts = [(link.partition("/"), other) for link, other in self.scene.allow]
+        return replace(self.scene, allow=tuple((own, other) for (name, _, own), other in parts if name == member))
+
+    @cached_property
+    def held(self) -> Held | None:
+        """What is proved of the distance and the angle between two tools that carry a piece; None if they do not."""
+        if len(self.paths) < 2:
+            return None
+        speeds = [self.members[name].certificate.analysis.tool_speed[0] for name in self.paths]
+        chain = self.group.chain(self.frame, self.tool)
+        return prove_held(chain, self.view.trajectory, np.max(speeds, axis=0))
+
+    @cached_property
+    def clearances(self) -> dict[str, Clearance]:
+        """Proved distances over the motion: of each member to the scene and of its own links, and between the members."""
+        own = {
+            name: clearance(motion.robot, motion.trajectory, motion.scene or Scene())
+            for name, motion in self.members.items()
+        }
+        chain = self.group.chain(self.frame, self.tool)
+        assert chain.shapes is not None
+        each = [[one for one in dict.fromkeys(chain.shapes.names) if one.startswith(f"{name}/")] for name in own]
+        apart = [(one, other, OF_MEMBER) for names in each for one, other in combinations_with_replacement(names, 2)]
+        between = chain.with_shapes(chain.shapes.with_apart(apart))
+        return own | {" and ".join(own): clearance(between, self.view.trajectory, Scene())}
+
+    def show(self) -> Page:
+        """Show the motion of the tool in its frame: in the cell of a notebook, else in the browser."""
+        return self.view.show()
+
+    def plot(self) -> Any:
+        """Plot the joints over time against their limits, as `Plan.plot`."""
+        return self.view.plot()
+
+    def save(self, file: str | os.PathLike[str]) -> None:
+        """Save the motion of the chain, in the format of the file's suffix; `members` save those of each member."""
+        save(self.view, file)

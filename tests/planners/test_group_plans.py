@@ -1,0 +1,257 @@
+"""Plans of groups: seams on a table, pieces in two hands, one clock; each judged by the members alone and by Pinocchio."""
+
+import itertools
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import optik
+from optik import Group, JointLimits, Robot, Scene, se3
+from optik.errors import InvalidInput
+from planners import (
+    Arc,
+    Line,
+    MotionLimits,
+    certify,
+    combine,
+    free,
+    load_motion,
+    load_trajectory,
+    make_law,
+    plan,
+    to_ros,
+)
+from planners.limits import OpenContainer
+from tests.planners.chains import draw_seam
+
+TILT, TURN = np.array([[0, 0, 1, 0], [1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0, 1.0]]), np.pi
+RATES = {"velocity": np.full(6, 2.0), "acceleration": np.full(6, 10.0), "jerk": np.full(6, 100.0)}
+TORCH = se3.pose(se3.exp_so3([0.0, np.deg2rad(40.0), 0.0]), [0.05, 0.0, 0.3])
+
+
+def table() -> Robot:
+    """A table that tilts about x and turns about z."""
+    limits = JointLimits([-1.5, -12.0], [1.5, 12.0], velocity=[1.5, 2.5], acceleration=[3.0, 5.0], jerk=[30.0, 50.0])
+    fixed = np.array([se3.pose(p=[0.6, 0.0, 0.15]) @ TILT, se3.inverse(TILT)])
+    return Robot("table", fixed, np.zeros(2, bool), se3.pose(p=[0.0, 0.0, 0.05]), limits, ("tilt", "turn"))
+
+
+def welding() -> Group:
+    """An arm with a torch, and the table."""
+    return Group(arm=optik.load("ur5e").with_tool(TORCH, add=True).with_limits(**RATES), table=table())
+
+
+def carrying(bar: float = 0.5) -> Group:
+    """Two arms that face each other, with the frame of a bar between their hands as the tool of both."""
+    arm, turned = optik.load("ur5e").with_limits(**RATES), se3.pose(se3.exp_so3([0.0, 0.0, np.pi]), [1.5, 0.0, 0.0])
+    grasps = (se3.pose(se3.exp_so3([0.0, side * np.pi / 2, 0.0]), [-side * bar / 2, 0.0, 0.0]) for side in (1.0, -1.0))
+    left, right = (arm.with_tool(se3.inverse(grasp), add=True) for grasp in grasps)
+    return Group(left=left, right=right.with_base(turned))
+
+
+def lift() -> Line:
+    """A line of the bar that also turns it."""
+    return Line(se3.pose(p=[0.75, -0.1, 0.3]), se3.pose(se3.exp_so3([0.1, 0.2, -0.3]), [0.78, 0.15, 0.5]))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_seam_is_followed_on_a_moving_table(seed: int) -> None:
+    import pinocchio as pin
+
+    group, seam = welding(), draw_seam(np.random.default_rng([seed, 3]), 0.7)
+    found = plan(group, seam, tool="arm", frame="table")
+    assert found and found.certificate.path_error.distance < 1e-8
+    models = {name: pin.buildModelFromXML(robot.to_urdf()) for name, robot in group.members.items()}
+    trees = {name: (model, model.createData(), model.getFrameId("tool")) for name, model in models.items()}
+    for t in np.linspace(0.0, found.duration, 40):
+        poses = {}
+        for name, q in group.split(found.trajectory(t)).items():
+            model, data, tool = trees[name]
+            pin.framesForwardKinematics(model, data, np.ascontiguousarray(q))
+            poses[name] = data.oMf[tool]
+        seen = (poses["table"].inverse() * poses["arm"]).homogeneous
+        assert se3.error(seen, seam.pose(seam.nearest(seen[None])[0])) == pytest.approx(np.zeros(6), abs=1e-8)
+    for name, motion in found.members.items():
+        alone = certify(motion.robot, None, motion.trajectory, motion.limits)
+        assert motion.certificate.is_valid and alone.is_valid
+        for limit in ("velocity", "acceleration", "jerk"):
+            joints = [found.view.robot.joint_names.index(f"{name}/{joint}") for joint in motion.robot.joint_names]
+            whole = getattr(found.certificate, limit).ratio[joints]
+            assert getattr(alone, limit).ratio == pytest.approx(whole, abs=1e-9)
+
+
+def test_the_redundancy_of_a_group_shortens_its_motion_and_laws_know_the_members_limits() -> None:
+    group, seam = welding(), draw_seam(np.random.default_rng([1, 3]), 0.7)
+    usual, faster = (plan(group, one, tool="arm", frame="table") for one in (seam, free(seam, elbow=True)))
+    assert usual and faster and faster.duration < 0.95 * usual.duration
+    limits = {"path": MotionLimits(tool_speed=0.2)}
+    limited = plan(group, seam, tool="arm", frame="table", limits=limits)
+    assert limited and limited.certificate.tool_speed.ratio == pytest.approx(1.0, abs=0.01)
+    slow = plan(group, seam, tool="arm", frame="table", timing=make_law("constant_speed", speed=0.05))
+    assert slow and slow.duration == pytest.approx(seam.end / 0.05, rel=0.2)
+
+
+def test_a_container_is_judged_over_ground_not_in_the_frame_of_the_table() -> None:
+    arm = optik.load("ur5e").with_limits(**RATES).with_payload(0.5)
+    group = Group(arm=arm, table=table())
+    q = np.array([3.0, -1.6, 2.0, -1.97, -1.57, 0.0])
+    tool = np.linalg.inv(arm.fk(q)[:3, :3]) @ (0.0, 0.0, 1.0)
+    container = OpenContainer(np.deg2rad(2.0), axis=tuple(tool))
+    start, goal = {"arm": q, "table": [0.0, 0.0]}, {"arm": np.append(q[0] + 0.5, q[1:]), "table": [1.0, 2.0]}
+    limits = {"arm": MotionLimits.of(arm, open_container=container)}
+    found = plan(group, goal, start, limits=limits)
+    alone = certify(arm, None, found.members["arm"].trajectory, limits["arm"])
+    assert (
+        found
+        and alone.is_valid
+        and found.certificate.extra["arm.open_container"].ratio
+        == pytest.approx(alone.extra["open_container"].ratio, abs=1e-9)
+    )
+    assert found.certificate.extra["arm.open_container"].ratio > 0.9
+    with pytest.raises(InvalidInput, match="gravity"):
+        certify(group.chain("table", "arm"), None, found.view.trajectory, MotionLimits(extra={"open_container": 0.3}))
+
+
+def test_a_piece_in_two_hands_is_held() -> None:
+    group, path = carrying(), lift()
+    found = plan(group, path, tool=("left", "right"), scene=Scene())
+    assert found and found.held.distance < 1e-8 and found.held.angle < 1e-8
+    each = [plan(robot, path) for robot in group.members.values()]
+    assert found.duration <= 1.05 * max(one.duration for one in each)
+    t = np.linspace(0.0, found.duration, 500)
+    hands = group.fk(found.trajectory(t))
+    off = np.linalg.norm(hands["left"][:, :3, 3] - hands["right"][:, :3, 3], axis=1)
+    assert off.max() <= found.held.distance and found.members["left"].certificate.path_error.distance < 1e-8
+    late = group.members["right"].fk(group.split(found.trajectory(np.maximum(t - 1e-3, 0.0)))["right"])
+    apart = np.linalg.norm(hands["left"][:, :3, 3] - late[:, :3, 3], axis=1).max()
+    assert 0.9 * found.held.distance_per_ms < apart <= found.held.distance_per_ms + found.held.distance
+    with pytest.raises(InvalidInput, match="in the world"):
+        plan(group, path, tool=("left", "right"), frame="left")
+
+
+def test_the_torques_of_both_hands_limit_the_motion_for_every_fraction_of_the_mass() -> None:
+    usual, group = carrying(), carrying().with_payload(4.0, inertia=0.1 * np.eye(3), fraction=(0.4, 0.6))
+    first = plan(group, lift(), tool=("left", "right"))
+    q = group.split(first.trajectory(np.linspace(0.0, first.duration, 200)))
+    factor = {}
+    for name, robot in group.members.items():
+        weight = max(
+            np.abs(
+                robot.with_payload(m, inertia=m / 4.0 * 0.1 * np.eye(3)).gravity_torques(q[name]) / robot.limits.torque
+            ).max()
+            for m in (1.6, 2.4)
+        )
+        factor[name] = 0.5 * (weight + float(np.nanmax(first.certificate.extra[f"{name}.torque"].ratio)))
+    limits = {
+        name: MotionLimits.of(robot, torque=factor[name] * robot.limits.torque) for name, robot in group.members.items()
+    }
+    found = plan(group, lift(), tool=("left", "right"), limits=limits)
+    assert found and found.duration > first.duration
+    ratios = [0.0]
+    t = np.linspace(0.0, found.duration, 300)
+    for m in (1.6, 1.8, 2.0, 2.2, 2.4):
+        for name, robot in usual.members.items():
+            loaded = robot.with_payload(m, inertia=m / 4.0 * 0.1 * np.eye(3))
+            states = [group.split(found.trajectory(t, order))[name] for order in range(3)]
+            ratios.append(np.abs(loaded.torques(*states) / limits[name].torque).max())
+    assert 0.97 < max(ratios) <= 1.0
+
+
+def test_a_piece_that_is_too_heavy_names_member_and_joint() -> None:
+    group = carrying().with_payload(8.0, fraction=(0.4, 0.6))
+    limits = {name: MotionLimits.of(robot, torque=25.0) for name, robot in group.members.items()}
+    found = plan(group, lift(), tool=("left", "right"), limits=limits)
+    assert not found and found.failure.joint == "left/joint2" and "however slowly" in found.failure.reason
+
+
+def test_a_bump_of_one_hand_is_within_the_proved_distance() -> None:
+    from scipy.interpolate import PPoly
+
+    from planners.certificate.held import prove_held
+    from planners.trajectory import Trajectory
+
+    group = carrying()
+    found, rng = plan(group, lift(), tool=("left", "right")), np.random.default_rng(5)
+    chain, motion = group.chain("left", "right"), found.view.trajectory
+    for size in (1e-6, 1e-3, 0.1):
+        c = motion.padded[:, ::8].copy()[:, :3]
+        knots = np.array([0.0, 0.1, 0.3, 0.5])
+        c[:5] += size * rng.normal(size=c[:5].shape)
+        bumpy = Trajectory(PPoly(c, knots))
+        held = prove_held(chain, bumpy, np.ones(2))
+        poses = chain.fk(
+            np.concatenate([bumpy(np.linspace(a + 1e-9, b - 1e-9, 400)) for a, b in itertools.pairwise(knots)])
+        )
+        most = np.linalg.norm(poses[:, :3, 3], axis=1).max()
+        assert most <= held.distance <= 1.06 * most
+
+
+def test_two_arms_on_one_clock_wait_where_it_helps() -> None:
+    arm = optik.load("ur5e").with_limits(**RATES)
+    other = arm.with_base(se3.pose(se3.exp_so3([0.0, 0.0, np.pi]), [0.8, 0.0, 0.0]))
+    high, low = np.array([np.pi, -1.5, 1.0, -1.0, -1.57, 0.0]), np.array([np.pi + 1.2, -0.8, 1.0, -1.0, -1.57, 0.0])
+    away = np.array([np.pi - 1.2, -0.8, 1.0, -1.0, -1.57, 0.0])
+    each = plan(arm, low, away, scene=Scene()), plan(other, low, away, scene=Scene())
+    assert all(each)
+    both = combine(*each)
+    assert both.certificate.clearance is not None and set(both.members) == {"left", "right"}
+    for name, own in zip(("left", "right"), each, strict=True):
+        t = np.linspace(0.0, both.duration, 50)
+        wait = both.view.waits[name]
+        seen = both.group.split(both.trajectory(t))[name]
+        assert seen == pytest.approx(own.trajectory(np.clip(t - wait, 0.0, own.duration)), abs=1e-9)
+        assert both.members[name].certificate.is_valid
+    del high
+
+
+def test_goals_of_members_are_reached_around_each_other() -> None:
+    group = Group(
+        left=optik.load("ur5e").with_limits(**RATES),
+        right=optik.load("ur5e")
+        .with_limits(**RATES)
+        .with_base(se3.pose(se3.exp_so3([0.0, 0.0, np.pi]), [0.8, 0.0, 0.0])),
+    )
+    start = {name: np.array([np.pi, -1.9, 1.9, -1.6, -1.57, 0.0]) for name in ("left", "right")}
+    pose = group.members["right"].fk(start["right"] + np.array([0.4, 0.1, 0, 0, 0, 0]))
+    found = plan(
+        group, {"left": start["left"] + np.array([0.3, 0, 0, 0, 0, 0]), "right": pose}, start, scene=Scene(), avoid=True
+    )
+    assert found and group.fk(found.trajectory(found.duration))["right"] == pytest.approx(pose, abs=1e-6)
+    assert found.clearances["left and right"].proved
+    with pytest.raises(InvalidInput, match="q_start"):
+        plan(group, {"left": start["left"]})
+
+
+def test_motions_of_groups_are_stored_and_sent(tmp_path: Path) -> None:
+    group = welding()
+    found = plan(
+        group, Arc.about(se3.pose(np.diag([1.0, -1, -1]), [0.1, 0, 0.05]), [0, 0, 0.05], [0, 0, 1.0], 1.0), tool="arm"
+    )
+    assert found
+    found.save(tmp_path / "seam.json")
+    read = load_motion(tmp_path / "seam.json")
+    assert read.robot == found.view.robot and read.certificate.is_valid
+    assert (read.trajectory.coefficients == found.view.trajectory.coefficients).all()
+    assert read.certificate.extra["arm.torque"].ratio == pytest.approx(found.certificate.extra["arm.torque"].ratio)
+    to_ros(found, tmp_path / "weld.yaml", controllers={"arm": "/arm_controller", "table": "/table_controller"})
+    each = {name: load_trajectory(tmp_path / f"weld.{name}.yaml", robot) for name, robot in group.members.items()}
+    assert each["arm"].knots.tolist() == each["table"].knots.tolist()
+    for t in np.linspace(0.0, found.duration, 20):
+        for name, joints in group.split(found.trajectory(t)).items():
+            assert each[name](t) == pytest.approx(joints, abs=1e-6)
+    with pytest.raises(InvalidInput, match="table and arm"):
+        to_ros(found, tmp_path / "weld.yaml", controllers={"torch": "x"})
+
+
+def test_arguments_of_groups_are_checked() -> None:
+    group, seam = welding(), draw_seam(np.random.default_rng(0), 0.7)
+    wrong = {
+        "arm or table": {"tool": "torch"}, "alone": {"frame": "world"}, "torch": {"limits": {"torch": MotionLimits()}},
+        "tool_speed": {"limits": {"path": MotionLimits(velocity=1.0)}}, "carry": {"tool": ("arm", "arm")},
+    }  # fmt: skip
+    for word, options in wrong.items():
+        with pytest.raises(InvalidInput, match=word):
+            plan(group, seam, **options)
+    with pytest.raises(InvalidInput, match="Group"):
+        plan(group.members["arm"], seam, frame="table")
