@@ -108,8 +108,10 @@ def plan(
 
     Raises
     ------
-    InvalidInput, UnknownName
-        An invalid argument; a limit that the law needs and that is missing; an unknown method or law; an arm without shapes.
+    InvalidInput
+        An invalid argument; a limit that the law needs and that is missing; an arm without shapes.
+    UnknownName
+        An unknown method or law.
     """
     options: dict[str, Any] = {
         "solver": solver, "timing": timing, "samples": samples, "branch": branch, "rate": rate, "duration": duration,

@@ -8,7 +8,7 @@ from itertools import product
 from typing import Any, TypeVar
 
 import numpy as np
-from scipy.linalg import block_diag
+import scipy
 
 from optik import se3
 from optik.arm.inertia import Inertia
@@ -40,8 +40,8 @@ def join_chains(first: Arm, second: Arm, names: tuple[str, str]) -> Arm:
     ahead = [(N, X @ inverse[0]), *((N + k, np.eye(4)) for k in range(1, len(second.fixed) + 1))]
     shapes = None
     if first.shapes is not None and second.shapes is not None:
-        own = _place(first.shapes, behind, f"{names[0]}/"), _place(second.shapes, ahead, f"{names[1]}/")
-        shapes = _join_shapes(own, several=True)
+        parts = _place(first.shapes, behind, f"{names[0]}/"), _place(second.shapes, ahead, f"{names[1]}/")
+        shapes = _join_shapes(parts, several=True)
     orders = [np.arange(first.n)[::-1], np.arange(second.n)]
     joints = [
         f"{name}/{arm.joint_names[i]}"
@@ -68,8 +68,8 @@ def mount_arm(below: Arm, arm: Arm) -> Arm:
     if below.shapes is not None and arm.shapes is not None:
         clash = set(below.shapes.names) & set(arm.shapes.names)
         places = [(N, below.tool), *((N + k, np.eye(4)) for k in range(1, len(arm.fixed) + 1))]
-        own = _place(below.shapes, [(k, np.eye(4)) for k in range(N + 1)], f"{names[0]}/" if clash else "")
-        shapes = _join_shapes([own, _place(arm.shapes, places, f"{names[1]}/" if clash else "")], several=False)
+        lower = _place(below.shapes, [(k, np.eye(4)) for k in range(N + 1)], f"{names[0]}/" if clash else "")
+        shapes = _join_shapes([lower, _place(arm.shapes, places, f"{names[1]}/" if clash else "")], several=False)
     if below.inertia is not None and arm.inertia is not None:
         keys = ("mass", "com", "tensor", "motor", "viscous", "coulomb")
         values: dict[str, Any] = {
@@ -157,7 +157,7 @@ def _join_motors(arms: Sequence[ArmModel], orders: Sequence[Indices], prefix: Se
     limits = join_limits([maker_limits(arm) for arm in arms], orders)
     names = [f"{add}{maker_names(arm)[i]}" for arm, order, add in zip(arms, orders, prefix, strict=True) for i in order]
     own = JointLimits(**{key: value for key, value in limits.items() if key in LIMIT_FIELDS})
-    return Motors(block_diag(*blocks), columns[0], tuple(names), own, *columns[1:])
+    return Motors(scipy.linalg.block_diag(*blocks), columns[0], tuple(names), own, *columns[1:])
 
 
 def _join_linkages(arms: Sequence[ArmModel], orders: Sequence[Indices], prefix: Sequence[str]) -> Linkage:

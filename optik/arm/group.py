@@ -142,7 +142,7 @@ class Group(ByContent):
         Returns
         -------
         dict of (..., k) arrays
-            By member.
+            By member [rad, m].
         """
         values = real_array(q, "q", f"values of {self.n} joints", (..., self.n))
         return {name: values[..., self.columns(name)] for name in self.members}
@@ -158,6 +158,7 @@ class Group(ByContent):
         Returns
         -------
         (..., n) array
+            [rad, m].
 
         Raises
         ------
@@ -323,13 +324,17 @@ class Group(ByContent):
         InvalidInput
             No such file, or not a group.
         """
-        file = Path(file)
-        text = decode_text(read_bytes(file, argument="file", expected="a readable TOML file of a group"), file.name)
-        try:
-            members = read_record(parse_toml(text, file.name), ("members",), "the file")["members"]
-            return Group({name: _read_member(one, f"members.{name}", file.parent) for name, one in members.items()})
-        except InvalidInput as error:
-            raise locate_error(file.name, error) from None
+        return Group(_read_members(Path(file)))
+
+
+def _read_members(file: Path) -> dict[str, Robot]:
+    """Return the members of a group's file."""
+    text = decode_text(read_bytes(file, argument="file", expected="a readable TOML file of a group"), file.name)
+    try:
+        members = read_record(parse_toml(text, file.name), ("members",), "the file")["members"]
+        return {name: _read_member(one, f"members.{name}", file.parent) for name, one in members.items()}
+    except InvalidInput as error:
+        raise locate_error(file.name, error) from None
 
 
 def _read_member(data: Any, where: str, folder: Path) -> Robot:

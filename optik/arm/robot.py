@@ -324,6 +324,11 @@ class Robot(ArmDynamics):
         -------
         Robot
             Its joints are those of this mechanism, then those of the arm. Names that both have get the names of the two.
+
+        Raises
+        ------
+        InvalidInput
+            No robot.
         """
         if not isinstance(arm, Robot):
             raise InvalidInput("arm", repr(arm)[:60], "a Robot")

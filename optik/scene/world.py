@@ -14,6 +14,7 @@ from optik.arm.shapes.hulls import enclose_disc
 from optik.arm.shapes.model import Shapes
 from optik.errors import InvalidInput, UnknownName
 from optik.scene.cloud import divide_cloud
+from optik.scene.contact import ALLOWED
 from optik.types import Array
 
 if TYPE_CHECKING:
@@ -21,8 +22,6 @@ if TYPE_CHECKING:
     from optik.arm.robot import Robot
     from optik.scene import Scene
 
-ALLOWED = "allowed by the scene"
-"""Reason why a part of the chain and an object are not checked."""
 Body = tuple[str, Array, Array, float, tuple[Hull, ...]]
 """Name, ends of the segment (3,) and radius of a capsule [m], and hulls in it."""
 

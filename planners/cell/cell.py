@@ -394,10 +394,8 @@ class Cell(Equipment):
     # ------------------------------------------------------------ tasks
 
     def move_to_spot(
-        self,
-        spot: Spot, orientation: ArrayLike | None = None,
-        *, corrections: int = 0, readings: int = 1, timing: LawLike = "optimal",
-        solver: SolverLike = "lm", samples: int = 151, plane: Plane | None = None,
+        self, spot: Spot, orientation: ArrayLike | None = None, *, corrections: int = 0, readings: int = 1,
+        timing: LawLike = "optimal", solver: SolverLike = "lm", samples: int = 151, plane: Plane | None = None,
         true_spot: ArrayLike | None = None, follow: Follow | None = None, moved: float = 0.005, most_replans: int = 10,
         look: Look | None = None, stop: StopRequest | None = None, watch: Watcher | None = None,
     ) -> Outcome:  # fmt: skip
@@ -425,14 +423,13 @@ class Cell(Equipment):
         true_spot : (3,) array, optional
             True position of the spot in a simulation [m]; by default that of `truth`.
         follow : callable, optional
-            Returns a reading of the spot; called at every tick with the time for which the arm has been moving [s]. If the
-            spot has moved, the motion stops on its path, and a new line is planned to the spot.
+            Returns a reading of the spot (3,) at every tick [rad, m]. If it has moved, the motion stops, and a new line begins.
         moved : float
             Largest distance of the spot from the target [m], above the noise of a reading.
         most_replans : int
             Largest number of new lines to a moving spot.
         look : callable, optional
-            Returns one reading of the real tool for corrections, or arrays of several; by default the simulated unit reads it.
+            Returns readings of the real tool for corrections; by default the simulated unit reads it.
         stop, watch : optional
             As for `Drive.execute`.
 

@@ -19,7 +19,7 @@ from planners.certificate.certificate import Certificate, summary_lines
 from planners.certificate.certification import certify
 from planners.certificate.clearance import clearance
 from planners.following.failure import PlanFailure
-from planners.group.limits import PATH, join_limits
+from planners.group.limits import PATH, join_member_limits
 from planners.group.result import GroupPlan
 from planners.limits import MotionLimits
 from planners.motion import Motion, PlanStatus
@@ -103,7 +103,7 @@ def combine(
             break
     assert best is not None
     waits, moved, together = best
-    proof = certify(chain, None, together, join_limits(group, *names, limits), scene=Scene())
+    proof = certify(chain, None, together, join_member_limits(group, *names, limits), scene=Scene())
     status, failure = judge_certificate(proof)
     view: Any = ClockView(chain, together, proof, status, failure, dict(zip(names, waits, strict=True)))
     return GroupPlan(group, *names, limits, scene, view, {}, dict(zip(names, moved, strict=True)))

@@ -19,7 +19,7 @@ PATH = "path"
 """Key of the limits on the speeds of the tool along the path, in the frame of the path."""
 
 
-def read_limits(group: Group, limits: Any) -> dict[str, MotionLimits]:
+def read_member_limits(group: Group, limits: Any) -> dict[str, MotionLimits]:
     """Return the limits of every member, by default its own, and those along the path."""
     if limits is not None and not isinstance(limits, Mapping):
         expected = f"a mapping from {', '.join(group.members)} (and {PATH!r}) to MotionLimits"
@@ -37,7 +37,7 @@ def read_limits(group: Group, limits: Any) -> dict[str, MotionLimits]:
     return own | {PATH: along}
 
 
-def join_limits(group: Group, frame: str, tool: str, limits: Mapping[str, MotionLimits]) -> MotionLimits:
+def join_member_limits(group: Group, frame: str, tool: str, limits: Mapping[str, MotionLimits]) -> MotionLimits:
     """Return the limits of members as those of a chain: rates by joint, all others in the member's own base."""
     order, given, extra, own = list(group.order(frame, tool)), dict[str, Any](), dict[str, Any](), dict[str, Any]()
     robots = [(group.members[name], limits[name]) for name in (frame, tool)]

@@ -22,7 +22,7 @@ from optik.types import Array
 from planners.certificate.violation import LIMIT_WORDS, check_allow
 from planners.following.follow import FollowResult, make_follower, read_time_limit
 from planners.group.carry import follow_together
-from planners.group.limits import PATH, join_limits, read_limits
+from planners.group.limits import PATH, join_member_limits, read_member_limits
 from planners.group.result import GroupPlan
 from planners.limits import TOOL_SPEEDS
 from planners.motion import PlanStatus
@@ -47,7 +47,7 @@ def plan_group(
     frame, tool = _find_chain(group, _check_carriers(group, carriers, names[0]) if carriers else names)
     if isinstance(path, Mapping) and names != (None, None):
         raise InvalidInput("tool", repr(names[1]), "none: goals by member have no path")
-    scene, order, by_member = options["scene"], group.order(frame, tool), read_limits(group, limits)
+    scene, order, by_member = options["scene"], group.order(frame, tool), read_member_limits(group, limits)
     chain = group.chain(frame, tool) if scene is None else chain_in_scene(group, frame, tool, scene)
     start, goal = None if q_start is None else _read_joints(group, q_start), path
     if isinstance(path, Mapping):
@@ -59,7 +59,7 @@ def plan_group(
             by_member[tool],
             **{name: by_member[PATH].value(name) for name in TOOL_SPEEDS if by_member[PATH].value(name) is not None},
         )
-    joined = join_limits(group, frame, tool, by_member)
+    joined = join_member_limits(group, frame, tool, by_member)
     view = PlanOptions(**{**options, "limits": joined, "scene": None if scene is None else Scene()})
     result = partial(GroupPlan, group, frame, tool, by_member, scene)
     if carriers:

@@ -170,5 +170,11 @@ class GroupPlan:
         return self.view.plot()
 
     def save(self, file: str | os.PathLike[str]) -> None:
-        """Save the motion of the chain, in the format of the file's suffix; `members` save those of each member."""
+        """Save the motion of the chain; `members` save those of each member.
+
+        Parameters
+        ----------
+        file : str or path
+            Its suffix chooses the format, as of `planners.save`.
+        """
         save(self.view, file)

@@ -413,7 +413,7 @@ def limit_names() -> tuple[str, ...]:
     return tuple(dict.fromkeys((*ALL_LIMITS, *names(FOLDER), *_ADDED)))
 
 
-def is_known(name: str) -> bool:
+def is_limit(name: str) -> bool:
     """Return whether a name is that of a limit, or of a member's limit, such as ``"arm.torque"``."""
     return name in limit_names() or (name.count(".") == 1 and name.rpartition(".")[2] in limit_names())
 
@@ -421,7 +421,7 @@ def is_known(name: str) -> bool:
 def check_names(names: object, argument: str) -> tuple[str, ...]:
     """Check that a tuple consists of names of limits, and return it."""
     given = names if isinstance(names, tuple) else (names,)
-    wrong = [name for name in given if not is_known(name)]
+    wrong = [name for name in given if not is_limit(name)]
     if wrong or given is not names:
         raise InvalidInput(argument, repr((wrong or given)[0])[:60], f"a tuple out of {', '.join(limit_names())}")
     return given
@@ -432,7 +432,7 @@ def kind_of(name: str) -> Limit:
     found: Limit | None = _BY_NAME.get(name) or _ADDED.get(name)
     if found is None:
         member, _, own = name.rpartition(".")
-        if member and is_known(name):
+        if member and is_limit(name):
             return _ADDED.setdefault(name, MemberLimit(member, kind_of(own)))
         if not is_path(name) and name not in names(FOLDER):
             raise UnknownName("limit", name, limit_names(), similar=find_described(FOLDER, name, limit_names()))

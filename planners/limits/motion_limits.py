@@ -340,7 +340,7 @@ class MotionLimits(ByContent):
             Missing or unknown names, or data that are not a limit.
         """
         extra = (
-            tuple(key for key in data if key not in ALL_LIMITS and kinds.is_known(key))
+            tuple(key for key in data if key not in ALL_LIMITS and kinds.is_limit(key))
             if isinstance(data, dict)
             else ()
         )

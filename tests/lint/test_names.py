@@ -6,7 +6,7 @@ from collections import defaultdict
 import planners
 from tests.lint.test_layout import FILES, parsed, relative
 
-MOST_PUBLIC = 34
+MOST_PUBLIC = 36
 """Names at the top of `planners`; each new capability may add one."""
 MOST_SHARED = 30
 APART = {
