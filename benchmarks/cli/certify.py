@@ -144,7 +144,7 @@ class CertifyCommand(LimitsCommand, SceneCommand, TableCommand):
                 )
         if warning:
             err_console.print(f"warning: {warning}", style="yellow", soft_wrap=True)
-        return arm, saved if same else None, saved.path if robots else None
+        return arm, saved if same and is_exact else None, saved.path if robots else None
 
     def _read_trajectory(self, arm: optik.Robot) -> Trajectory:
         """Return the motion of the file."""

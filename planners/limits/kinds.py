@@ -415,7 +415,9 @@ def limit_names() -> tuple[str, ...]:
 
 def is_limit(name: str) -> bool:
     """Return whether a name is that of a limit, or of a member's limit, such as ``"arm.torque"``."""
-    return name in limit_names() or (name.count(".") == 1 and name.rpartition(".")[2] in limit_names())
+    return name in limit_names() or (
+        isinstance(name, str) and name.count(".") == 1 and name.rpartition(".")[2] in limit_names()
+    )
 
 
 def check_names(names: object, argument: str) -> tuple[str, ...]:

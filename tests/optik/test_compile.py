@@ -531,8 +531,10 @@ def test_a_log_or_a_notebook_is_told_once_that_functions_are_compiled(tmp_path, 
 
 def test_where_there_is_no_terminal_a_long_compilation_adds_a_line_every_ten_seconds(monkeypatch, capsys):
     clock = iter(np.arange(0.0, 65.0, 4.0))
-    monkeypatch.setattr(kernel, "_Process", type("Fresh", (kernel._Process,), {"depth": 1, "due": 0.0, "begin": 0.0}))
-    monkeypatch.setattr(kernel.time, "monotonic", lambda: next(clock))
+    monkeypatch.setattr(
+        kernel, "_Process", type("Fresh", (kernel._Process,), {"depth": 1, "due": 0.0, "begin": 0.0, "seconds": 0.0})
+    )
+    monkeypatch.setattr(kernel, "time", SimpleNamespace(monotonic=lambda: next(clock)))
     for _ in range(16):
         kernel._tell("planned")
     lines = capsys.readouterr().err.splitlines()
@@ -540,18 +542,23 @@ def test_where_there_is_no_terminal_a_long_compilation_adds_a_line_every_ten_sec
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="terminals as POSIX has them")
-def test_a_terminal_is_told_of_a_long_compilation_and_the_line_is_removed(telling, monkeypatch):
+def test_a_terminal_is_told_of_a_long_compilation_and_the_line_is_removed(tmp_path):
     import pty
 
-    ours, theirs = pty.openpty()
-    with os.fdopen(theirs, "w") as stream:
-        monkeypatch.setattr(sys, "stderr", stream)
-        compiled(doubled)(1.0)
-        monkeypatch.undo()
-    words = os.read(ours, 10_000).decode() if telling else ""
-    os.close(ours)
-    assert ("compiling, 0 s: doubled" in words) is telling
-    assert words.endswith("\x1b[K") is telling
+    write_two(tmp_path)
+    code = "import optik.compiled.kernel; optik.compiled.kernel.QUIET_SECONDS = {}; import outer; outer.outer(1.0)"
+    env = os.environ | {"PYTHONPATH": os.pathsep.join([str(REPOSITORY), str(tmp_path)]), "OPTIK_COMPILES": ""}
+    for seconds, told in ((-1.0, True), (1e9, False)):
+        for file in kept_in(tmp_path):
+            file.unlink()
+        ours, theirs = pty.openpty()
+        with subprocess.Popen([sys.executable, "-c", code.format(seconds)], env=env, stderr=theirs) as process:
+            process.wait(timeout=120)
+        os.close(theirs)
+        words = os.read(ours, 10_000).decode() if told else ""
+        os.close(ours)
+        assert ("compiling, 0 s: inner" in words) is told
+        assert words.endswith("\x1b[K") is told
 
 
 def test_a_fingerprint_does_not_depend_on_where_packages_are_installed(monkeypatch):

@@ -445,10 +445,10 @@ def test_a_gain_that_cannot_be_meant_is_refused(gain):
         LM(PAPER, gain=gain)
 
 
-def test_thirteen_joints_are_refused_and_the_message_names_another_method():
-    rows = [DHRow(a=0.1)] * 13
+def test_fifteen_joints_are_refused_and_the_message_names_another_method():
+    rows = [DHRow(a=0.1)] * 15
     with pytest.raises(InvalidInput, match="dls"):
-        LM(Robot.from_mdh(rows, JointLimits([-1.0] * 13, [1.0] * 13)))
+        LM(Robot.from_mdh(rows, JointLimits([-1.0] * 15, [1.0] * 15)))
 
 
 # ---------------------------------------------------------------- joints at their limits

@@ -479,5 +479,5 @@ def test_checked_stops_follow_the_stretching_and_nothing_is_far_slower_than_no_l
 def test_the_options_of_a_plan_have_the_defaults_of_its_arguments() -> None:
     arguments = inspect.signature(plan).parameters
     defaults = {one.name: one.default for one in fields(PlanOptions) if one.name != "limits"}
-    known = {*defaults, "robot", "path", "q_start", "limits", "reconfigurations"}
+    known = {*defaults, "robot", "path", "q_start", "limits", "reconfigurations", "tool", "frame"}
     assert known == set(arguments) and defaults == {name: arguments[name].default for name in defaults}

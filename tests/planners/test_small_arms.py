@@ -12,7 +12,7 @@ from optik.errors import InvalidInput
 from optik.types import Array
 from planners import Arc, Line, MotionLimits, Part, Plan, Polyline, Program, certify, free, load_motion, plan, replan
 from planners.certificate.bounds import MotionBounds
-from planners.certificate.path_error import _compare, path_error
+from planners.certificate.path_error import compare_with_path, path_error
 from planners.certificate.projection import PathPositions
 from planners.following.freed import find_distance
 from planners.limits import PathPoints
@@ -289,7 +289,7 @@ def test_the_rates_of_the_compared_axes_are_their_derivatives() -> None:
     for k in (-h, 0.0, h):
         side = bounds.at(np.clip(np.searchsorted(t, at) - 1, 0, 3), at + k)
         along = PathPositions(s + k * speed, speed, *path.frames(s + k * speed), np.empty((20, 0, 0)))
-        values.append(_compare(side, along, "axis"))
+        values.append(compare_with_path(side, along, "axis"))
     (before, _), (now, off), (after, _) = values
     rate = now.error[:, 1] + speed[:, None] * now.error[:, 2]
     np.testing.assert_allclose((after.error[:, 0] - before.error[:, 0]) / (2.0 * h), rate, atol=1e-7)

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.interpolate import PPoly
 
 import optik
 from optik.dynamics import torques_batch
@@ -45,7 +46,8 @@ def needed(found: Plan, *, rate: bool) -> Array:
 
 def static(found: Plan) -> Array:
     one = np.stack([-np.ones(6), np.ones(6)])
-    return static_torque(found.joint_path, one).found
+    joints = found.joint_path
+    return static_torque(found.robot, Trajectory(PPoly(joints.coefficients, joints.nodes)), one).found
 
 
 def test_static_torque_is_that_of_gravity_and_friction_along_the_path() -> None:
