@@ -19,37 +19,11 @@ from typer.testing import CliRunner
 
 from benchmarks.cli.app import app
 from benchmarks.records import RunFolder
-from benchmarks.report import budgets, timing
+from benchmarks.report import boards, budgets, tables, timing
 from benchmarks.report.base import Run, Winner
-from benchmarks.report.boards import (
-    Board,
-    Control,
-    Sample,
-    add,
-    figure,
-    fraction_plot,
-    fractions,
-    heatmap,
-    lean,
-    line,
-    log_axis,
-    packed,
-    variable,
-)
+from benchmarks.report.boards import Board, Control, Sample, add, figure, fractions, lean, line, log_axis, packed
 from benchmarks.report.page import MethodRanking, rank_methods, render, winners_table, won
-from benchmarks.report.tables import (
-    Column,
-    ShownCell,
-    Table,
-    csv_of,
-    escaped,
-    listed,
-    markdown_of,
-    shown_cell,
-    shown_rows,
-    tex_of,
-    written,
-)
+from benchmarks.report.tables import Column, ShownCell, Table, markdown_of, shown_cell, shown_rows, tex_of, written
 from benchmarks.statistics import holm, mcnemar_p, percentage, signed_rank
 from optik.errors import InvalidInput
 
@@ -149,7 +123,7 @@ def test_verdicts_have_a_look_and_values_the_digits_of_their_measure() -> None:
 
 
 def test_csv_has_the_exact_values() -> None:
-    found = pl.read_csv(io.StringIO(csv_of(TABLE)))
+    found = pl.read_csv(io.StringIO(tables.csv_of(TABLE)))
     assert found.columns == [
         "label", "solved [%]", "solved low [%]", "solved high [%]", "us [µs]", "us low [µs]", "us high [µs]", "count",
         "error [mm]", "rest",
@@ -199,7 +173,7 @@ def test_latex_is_whole_and_has_no_bare_special_character() -> None:
     for row in body:
         bare = re.sub(r"\\[%#_&${}]|\$[^$]*\$|\\\\$", "", row)
         assert not set("%#_$|<>~^λµ−") & set(bare), bare
-    assert escaped("1.23·10⁻⁷ ≤ λ s̈") == r"1.23$\cdot 10^{-7}$ $\le$ $\lambda$ $\ddot s$"
+    assert tables.escaped("1.23·10⁻⁷ ≤ λ s̈") == r"1.23$\cdot 10^{-7}$ $\le$ $\lambda$ $\ddot s$"
 
 
 @pytest.mark.parametrize("copies", [1, 2, 5])
@@ -244,7 +218,7 @@ def test_nothing_is_drawn_below_what_is_a_result() -> None:
 def test_packed_figures_are_what_they_were() -> None:
     values = np.array([[0.12345, np.nan], [3.0, 1e-20]])
     plot = figure("p", "A title", "x")
-    add(plot, heatmap(z=np.log10(values), customdata=values, meta={"log10": True}), {"k": ["<b>"]})
+    add(plot, boards.heatmap(z=np.log10(values), customdata=values, meta={"log10": True}), {"k": ["<b>"]})
     add(plot, line([1.0, None], ["<b>", "c"], name="<b>"), at={"k": ["d"]}, look={"name": "d"})
     text = packed(Board("odd", (plot,)), ["<b>"])
     (found,) = json.loads(gzip.decompress(base64.b64decode(text)))
@@ -340,12 +314,12 @@ def test_a_distribution_is_drawn_from_every_value_and_exact_at_its_ends() -> Non
         Sample("none", [math.inf], {}, {}),
         Sample("no rows", [], {}, {}),
     ]
-    (trace,) = fraction_plot("id", "title", "x", "paths", "%{y}", samples).data
+    (trace,) = boards.fraction_plot("id", "title", "x", "paths", "%{y}", samples).data
     assert (trace.name, trace.meta) == ("some", {"when": {"group": ["a"]}})
 
 
 def test_a_name_with_a_comma_is_told_from_two_names() -> None:
-    assert listed(["lm", "lm, one attempt"]) == "lm, “lm, one attempt”"
+    assert tables.listed(["lm", "lm, one attempt"]) == "lm, “lm, one attempt”"
     found = rank_methods({"a, b": 3, "c": 100, "d": 60})
     assert found.labels == ("c", "d") and found.left_out.endswith(": “a, b” (3)")
     assert rank_methods({"a": 3, "c": 100}) == MethodRanking(("a", "c"), "")  # one alone wins nothing
@@ -407,10 +381,8 @@ def test_the_first_screen_names_ties_and_the_next_best(small_run: RunFolder, mon
     assert found.remark == "no significant difference"
     assert found.second.label == "c"
     page = render(Run(small_run))
-    assert (
-        f'<td class="best"><span class="tied"><i class="dot" style="--k:{variable(Run(small_run).colour("ipopt"))}"></i>ipopt'
-        in page
-    )
+    dot = f'<i class="dot" style="--k:{boards.variable(Run(small_run).colour("ipopt"))}"></i>'
+    assert f'<td class="best"><span class="tied">{dot}ipopt' in page
     monkeypatch.setattr(budgets, "REPORT", replace(budgets.REPORT, winners=lambda run: exact))
     found = won(Run(small_run))[0]
     assert (found.best.value, found.second.value) == ("0.6032 s", "0.6033 s")
