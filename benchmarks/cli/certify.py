@@ -15,10 +15,7 @@ from rich.table import Table
 from benchmarks.cli import command
 from benchmarks.cli.command import LimitsCommand, TableCommand, argument, numbers, option, out_console, print_json
 from benchmarks.cli.motion import read_motion
-from benchmarks.cli.plan import (
-    SceneCommand,
-    print_facts,
-)
+from benchmarks.cli.plan import SceneCommand, print_facts
 from benchmarks.cli.readers import read_configuration, read_number_list
 from benchmarks.provenance import version_here
 from optik.arm.model import unit_factors, unit_names

@@ -58,9 +58,7 @@ def turning(axis: int) -> Callable[[Array], Array]:
 
 
 def settings(
-    *errors: Callable[[Array], Array],
-    took: Callable[[Array], Array] = few,
-    shares: Callable[[Array], Array] = even,
+    *errors: Callable[[Array], Array], took: Callable[[Array], Array] = few, shares: Callable[[Array], Array] = even
 ) -> Rows:
     """A workspace block with one setting of dls for each error as a function of the distance."""
     d = np.random.default_rng(0).uniform(0.02, 0.6, COUNT)

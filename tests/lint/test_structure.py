@@ -68,10 +68,7 @@ def test_a_solve_by_dls_loads_no_casadi_and_by_ipopt_does():
 
 
 # ---------------------------------------------------------------- names
-FOLDERS = {
-    "optik.ik": {"dls", "ipopt"},
-    "optik.robots": {"paper6r", "puma560", "ur5e"},
-}
+FOLDERS = {"optik.ik": {"dls", "ipopt"}, "optik.robots": {"paper6r", "puma560", "ur5e"}}
 
 
 @pytest.mark.parametrize(("folder", "expected"), FOLDERS.items(), ids=FOLDERS.keys())

@@ -198,7 +198,7 @@ def _limitations(run: Run) -> list[str]:
     items = [
         "In blocks with iteration budgets every method gets one attempt from the given start, without restarts: the paper's "
         "iteration has none. A method that runs with default settings is marked. These blocks are not timed: times come "
-        "from single calls.",
+        "from single calls."
     ]
     if any(b.block.set == "graph_paper" for b in blocks):
         items.append(
