@@ -42,6 +42,6 @@ __all__ = [
     "crossing", "damped_least_squares", "derivatives_along", "difference", "double_s", "error", "fk", "fk_series",
     "follow_densely", "jacobian", "joint_extremes", "line_pose", "link", "met", "moved", "nearest", "newton",
     "off_by", "off_line", "piece_values", "pose", "pose_series", "random_arm", "random_pose", "rot_x", "rot_z",
-    "rotation_derivatives", "s_curve", "smallest", "span", "speeds", "table", "task_off_by", "tool_motion", "tool_speeds",
-    "trans", "turning_series", "urdf", "value", "vee",
+    "rotation_derivatives", "s_curve", "smallest", "span", "speeds", "table", "task_off_by", "tool_motion",
+    "tool_speeds", "trans", "turning_series", "urdf", "value", "vee",
 ]  # fmt: skip
