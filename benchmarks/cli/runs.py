@@ -235,7 +235,7 @@ class ReportCommand(JsonCommand):
     folder: Path = argument("RUN", "Folder of a run.")
     format: list[ReportFormat] | None = option(
         "Output",
-        "Repeatable. html: one page with figures; md: report.md; csv or tex: one file per table. By default html.",
+        "Repeatable. html: one page with figures; md: all tables in report.md; csv or tex: a file per table. By default html.",
     )
     columns: str = option(
         "Output",
