@@ -30,7 +30,7 @@ from optik.types import Array
 
 if TYPE_CHECKING:
     import optik
-    from planners import Certificate, Trajectory
+    from planners import Certificate, Motion, Trajectory
     from planners import Path as ToolPath
 
 NOT_JUDGED = "not judged"
@@ -78,13 +78,17 @@ class CertifyCommand(LimitsCommand, SceneCommand, TableCommand):
         """Read, certify, and print or write."""
         import planners
 
-        arm, program_path = self._load_arm()
+        arm, saved, program_path = self._load_arm()
         if self.html is not None:  # before a motion takes its time
             from optik.view.page import PAGE_SUFFIXES
 
             check_suffix(self.html, PAGE_SUFFIXES, "--html")
-        trajectory, limits = self._read_trajectory(arm), planners.MotionLimits.of(arm, **self.read_typed_limits(arm))
-        reference, scene = self._read_path(arm, trajectory), self.load_scene(arm)
+        stated = {} if saved is None else {name: saved.limits.value(name) for name in saved.limits.names}
+        trajectory = self._read_trajectory(arm)
+        limits = planners.MotionLimits.of(arm, **(stated | self.read_typed_limits(arm)))
+        reference, scene = self._read_path(arm, trajectory, saved), self.load_scene(arm)
+        if saved is not None and self.scene is None:
+            scene = saved.scene
         if reference is None and scene is None and all(limits.value(name) is None for name in limits.names):
             advice = "add --limits joint_limits.yaml, or for example --velocity 2"
             raise InvalidInput(
@@ -103,17 +107,17 @@ class CertifyCommand(LimitsCommand, SceneCommand, TableCommand):
                 out_console.print(f"written to {self.html}")
         raise typer.Exit(0 if proof.is_valid else 1)
 
-    def _load_arm(self) -> tuple[optik.Robot, ToolPath | None]:
-        """Return the typed arm; for a saved motion, its own arm, and its path if it is a program's with changing payloads."""
+    def _load_arm(self) -> tuple[optik.Robot, Motion | None, ToolPath | None]:
+        """Return the typed arm; for a saved motion of it the motion, and its path if payloads change on it."""
         from planners.files.setpoints import read_saved
 
         recorded, warning = read_saved(self.file), ""
         if recorded is None:
-            return self.load(), None
+            return self.load(), None, None
         saved, is_exact = recorded
         arm = self.load() if self.robot != command.RobotCommand.robot else saved.robot
         robots = dict.fromkeys(getattr(saved.path, "robots", ()))
-        if not _is_same(arm, saved.robot):
+        if not (same := _is_same(arm, saved.robot)):
             robots, warning = (
                 {},
                 f"--robot {self.robot} is not the arm of the file: judged without the payload of the file",
@@ -127,7 +131,7 @@ class CertifyCommand(LimitsCommand, SceneCommand, TableCommand):
                 )
         if warning:
             command.err_console.print(f"warning: {warning}", style="yellow", soft_wrap=True)
-        return arm, saved.path if robots else None
+        return arm, saved if same else None, saved.path if robots else None
 
     def _read_trajectory(self, arm: optik.Robot) -> Trajectory:
         """Return the motion of the file."""
@@ -141,8 +145,8 @@ class CertifyCommand(LimitsCommand, SceneCommand, TableCommand):
             unit=self.unit,
         )  # fmt: skip
 
-    def _read_path(self, arm: optik.Robot, trajectory: Trajectory) -> GivenPath | None:
-        """Return the path of ``--path`` with its tolerance; without orientations in the file, only positions are judged."""
+    def _read_path(self, arm: optik.Robot, trajectory: Trajectory, saved: Motion | None) -> GivenPath | None:
+        """Return the path of ``--path``, or of a saved motion, with its tolerance; without orientations, of positions alone."""
         from planners.paths.waypoints import read_waypoints
 
         position, rotation = np.multiply(read_number_list(self.tolerance, "--tolerance", 2), (1e-3, np.pi / 180.0))
@@ -150,7 +154,8 @@ class CertifyCommand(LimitsCommand, SceneCommand, TableCommand):
             expected = "a distance above 0 [mm], and an angle above 0 and up to 180 [degrees]"
             raise InvalidInput("--tolerance", self.tolerance, expected)
         if self.path is None:
-            return None
+            follows = saved is not None and trajectory.knots.size == saved.trajectory.knots.size
+            return GivenPath(saved.path, saved.tolerance) if saved is not None and saved.tolerance and follows else None
         if self.path.suffix.lower() != ".csv" or read_bytes(self.path).startswith(b"# format"):
             return GivenPath(read_motion(self.path, "--path").path, Tolerance(position, rotation))
         table = read_table(self.path)

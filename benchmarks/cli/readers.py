@@ -79,8 +79,8 @@ def read_limit(name: str, text: str) -> Any:
         return read_bound(_in_units(text, kind.units[0], where), where)
     units = {field.name: field.metadata.get("unit", "") for field in fields(kind.record)}
     pairs = [word.partition(":") for word in text.split(",")]
-    if len(pairs) == 1 and not pairs[0][1]:
-        pairs = [(next(iter(units)), ":", text)]
+    if not pairs[0][1]:  # the first field alone needs no name
+        pairs[0] = (next(iter(units)), ":", pairs[0][0])
     values: dict[str, Any] = {}
     for key, colon, value in pairs:
         if not colon or key not in units or key in values:

@@ -165,7 +165,7 @@ def bodies_of(robot: Robot, scene: Scene) -> Bodies:
 
 def find_nearest_pairs(robot: Robot, scene: Scene, q: ArrayLike) -> tuple[Array, Indices]:
     """Return the least room of an arm at configurations (k,) [m], and the index of the pair (−1 for none)."""
-    at = np.ascontiguousarray(robot.spread(robot.configuration(q, batch=True))).reshape(-1, len(robot.fixed))
+    at = np.array(robot.spread(robot.configuration(q, batch=True)), order="C").reshape(-1, len(robot.fixed))
     room, which = np.empty(len(at)), np.empty(len(at), np.int64)
     rooms_batch(robot.axes.chain, bodies_of(robot, scene), at, scene.margin, room, which)
     return room, which
@@ -178,7 +178,7 @@ def find_clearances(robot: Robot, scene: Scene, q: ArrayLike) -> tuple[Array, In
     (k, 2) among those of `find_pairs`, −1 for none.
     """
     capsules, arrays, bodies, hulls = bodies_of(robot, scene)
-    at = np.ascontiguousarray(robot.spread(robot.configuration(q, batch=True))).reshape(-1, len(robot.fixed))
+    at = np.array(robot.spread(robot.configuration(q, batch=True)), order="C").reshape(-1, len(robot.fixed))
     distance, which = np.empty((2, len(at))), np.empty((2, len(at)), np.int64)
     for row, of in enumerate((bodies[:, 2] != SELF, bodies[:, 2] == SELF)):
         shapes = (capsules, arrays, bodies[of], hulls)

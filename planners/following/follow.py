@@ -338,7 +338,7 @@ class Follower:
         if failure.s > 0.0:
             shorter = f"a path that ends before {format_position(path, failure.s)}"
         if self.branch == "best":
-            return f"{shorter}: no other branch goes farther" if robot.n <= 6 else shorter
+            return f"{shorter}: no other branch that was found goes farther" if robot.n <= 6 else shorter
         if robot.n > 6:
             return f'branch="best", which may find another null-space motion; or {shorter}'
         if not solve_ik(robot, path.pose(path.end), robot.limits.clip(np.zeros(robot.n))):
@@ -350,7 +350,7 @@ class Follower:
             return f"{best}; or {shorter}"
         farther = ways and ways[0].s > failure.s + 1e-3 * path.end
         best = f'branch="best", which goes to {format_position(path, ways[0].s)}; or ' if farther else ""
-        return f"{best}{shorter}: no branch reaches the end of the path"
+        return f"{best}{shorter}: no branch that was found reaches the end of the path"
 
 
 def _insert_samples(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from types import MappingProxyType
@@ -13,8 +14,8 @@ from numpy.typing import ArrayLike
 from optik.arm.limits import ByContent
 from optik.arm.plain import read_record
 from optik.arm.robot import Robot
-from optik.check import check_keywords
-from optik.errors import InvalidInput
+from optik.check import check_keywords, check_kind
+from optik.errors import AssumptionWarning, InvalidInput
 from optik.types import Array, content
 from planners.limits import kinds
 from planners.limits.base import Limit, ratio_to_limit, sides, symmetric_limit
@@ -24,6 +25,20 @@ from planners.paths.base import Path
 from planners.trajectory.curve import monomials
 
 # ---------------- the limits of one motion
+
+
+FAR_ABOVE = 20.0
+"""Ratio of a given velocity limit to the robot's own from which it is probably in degrees: a radian has 57."""
+
+
+def _warn_of_degrees(robot: Robot, velocity: Any) -> None:
+    """Warn of a velocity limit that is far above those of the robot."""
+    own, turns = robot.limits.velocity, ~robot.prismatic
+    if isinstance(velocity, int | float) and own is not None and (turns & np.isfinite(own)).any():
+        ratio = float(velocity) / float(own[turns].max())
+        if FAR_ABOVE < ratio < np.inf:
+            words = f"velocity: {velocity:g} rad/s is {ratio:.3g} times the largest limit of {robot.name}: are these degrees?"
+            warnings.warn(words, AssumptionWarning, stacklevel=3)
 
 
 def _find_records(robot: Robot) -> dict[str, Any]:
@@ -131,6 +146,8 @@ class MotionLimits(ByContent):
             The limits of the robot's model on velocity, acceleration and jerk, and further ones that it has, such as
             ``velocity_by_position`` and those of motors. With known masses also those on torque and torque rate.
         """
+        check_kind(robot, "robot", Robot, 'a Robot, such as optik.load("ur5e")')
+        _warn_of_degrees(robot, given.get("velocity"))
         names = (*DERIVATIVES, *LOADED) if robot.inertia is not None else DERIVATIVES
         known = {name: getattr(robot.limits, name) for name in names} | _find_records(robot)
         values = known | {name: value for name, value in given.items() if name not in ("extra", "robot_values")}

@@ -246,7 +246,7 @@ def test_advice_of_another_branch_is_true() -> None:
             continue
         best = follow(solver, line)
         assert bool(best) is (
-            "reaches the end of the path" in failure.advice and "no branch reaches" not in failure.advice
+            "reaches the end of the path" in failure.advice and "no branch that was found" not in failure.advice
         )
         assert f"a path that ends before s = {failure.s:.6g} m" in failure.advice and "; a path" not in failure.advice
         assert (best.status == "solved") is bool(best)
