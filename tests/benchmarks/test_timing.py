@@ -441,7 +441,6 @@ def test_the_tables_are_what_the_rows_hold(page: Page, quick: RunFolder) -> None
     for ending, part in (
         ("regular", rows.filter(pl.col("kind") == "regular")),
         ("near-singular", rows.filter(pl.col("kind") == "near_singular")),
-        ("regular-ur5e", rows.filter(pl.col("robot") == "ur5e")),
     ):
         assert f"timing-few-lines-{ending}" in shown
         found = laws_table(quick, ending)
