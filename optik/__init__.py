@@ -17,26 +17,10 @@ from optik.task import Task
 __version__ = "0.1.0"
 
 __all__ = [
-    "DHRow",
-    "Group",
-    "IKResult",
-    "IKStatus",
-    "Inertia",
-    "JointLimits",
-    "OptikError",
-    "Payload",
-    "Robot",
-    "Scene",
-    "Shapes",
-    "Task",
-    "Tolerance",
-    "VelocityByPosition",
-    "choose_start",
-    "load",
-    "robots",
-    "solve_ik",
+    "DHRow", "Group", "IKResult", "IKStatus", "Inertia", "JointLimits", "OptikError", "Payload", "Robot", "Scene",
+    "Shapes", "Task", "Tolerance", "VelocityByPosition", "choose_start", "load", "robots", "solve_ik",
     "solve_ik_batch",
-]
+]  # fmt: skip
 
 
 def robots() -> tuple[str, ...]:

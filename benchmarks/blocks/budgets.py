@@ -15,14 +15,7 @@ from numpy.typing import NDArray
 from benchmarks.blocks.base import TEXT, WHOLE, BlockRows, Field, Kind, Session, Shard, Work, chunks, fields_of
 from benchmarks.blocks.block import Entry, count_of
 from benchmarks.blocks.contest import reseed
-from benchmarks.blocks.entries import (
-    JUDGED_AT,
-    BudgetedMethod,
-    ProblemBlock,
-    need_problems,
-    store_problems,
-    within,
-)
+from benchmarks.blocks.entries import JUDGED_AT, BudgetedMethod, ProblemBlock, need_problems, store_problems, within
 from benchmarks.problems.base import ProblemSet
 from benchmarks.records import slug
 from benchmarks.settings import Budgets, Entries, Flag, key, naming

@@ -11,24 +11,11 @@ import polars as pl
 from numpy.typing import NDArray
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
+from benchmarks import settings
 from benchmarks.blocks.block import Block, Entry
 from benchmarks.problems.base import SETS, ProblemSet
 from benchmarks.records import RunFolder, slug
-from benchmarks.settings import (
-    LISTED,
-    Flag,
-    LawName,
-    MaybeCount,
-    Options,
-    RobotName,
-    SetName,
-    Settings,
-    SolverName,
-    default_label,
-    key,
-    named,
-    naming,
-)
+from benchmarks.settings import Flag, LawName, MaybeCount, Options, Settings, SolverName, default_label, key, named
 from optik.arm.inertia import payload_masses
 from optik.arm.library import load
 from optik.arm.robot import Robot
@@ -159,7 +146,7 @@ class Law(Settings):
     law: LawName = key("Time law: a name, or the path of a file.")
     label: str = Field(default_factory=default_label("law"), description=LABEL_MEANING)
     options: Options = key("Options of the law.", {})
-    without: Annotated[tuple[Any, ...], LISTED, AfterValidator(_limits)] = key(
+    without: Annotated[tuple[Any, ...], settings.LISTED, AfterValidator(_limits)] = key(
         "Limits that are hidden from the law; its motions are judged by them, too.", ()
     )
 
@@ -207,8 +194,8 @@ TRIAL_PROBLEMS = 5
 class ProblemBlock(Block):
     """A block of IK problems: one problem set on one robot."""
 
-    robot: RobotName = key("The arm: a name, or the path of a file.")
-    set: SetName = key("The problem set: a name, or the path of a file.")
+    robot: settings.RobotName = key("The arm: a name, or the path of a file.")
+    set: settings.SetName = key("The problem set: a name, or the path of a file.")
     options: Options = key("Options of the problem set.", {})
 
     @model_validator(mode="before")
@@ -229,7 +216,7 @@ class ProblemBlock(Block):
 
 def check_set(block: ProblemBlock) -> None:
     """Raise InvalidInput for wrong options of a problem set, by sampling a few problems of it."""
-    with naming(f"block {block.id!r}: options"):
+    with settings.naming(f"block {block.id!r}: options"):
         _draw_few(block)
 
 

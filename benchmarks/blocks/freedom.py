@@ -13,6 +13,7 @@ import numpy as np
 import polars as pl
 from pydantic import AfterValidator, model_validator
 
+from benchmarks import settings
 from benchmarks.blocks.base import NUMBER, TEXT, WHOLE, Field, Kind, Session, Trials, fields_of
 from benchmarks.blocks.block import Block, Column, Entry, Of, Target, largest, quantile, share
 from benchmarks.blocks.entries import Payload, arm_label
@@ -22,20 +23,7 @@ from benchmarks.blocks.timing.settings import LimitSet
 from benchmarks.peers.base import Absent
 from benchmarks.problems.base import start_of
 from benchmarks.records import RunFolder
-from benchmarks.settings import (
-    LISTED,
-    Count,
-    Flag,
-    Joints,
-    RobotName,
-    Settings,
-    check_different,
-    check_labels,
-    key,
-    naming,
-    numbered,
-    one_of,
-)  # fmt: skip
+from benchmarks.settings import LISTED, Count, Flag, Joints, RobotName, Settings, key, numbered, one_of
 from benchmarks.statistics import quantiles
 from optik.arm.library import load
 from optik.arm.robot import Robot
@@ -151,7 +139,7 @@ class FreeSet(Settings):
 
 
 def _different(sets: tuple[FreeSet, ...]) -> tuple[FreeSet, ...]:
-    check_different([f"{part.label} on {part.arm}" for part in sets], "", "set")
+    settings.check_different([f"{part.label} on {part.arm}" for part in sets], "", "set")
     return sets
 
 
@@ -162,7 +150,9 @@ class FreedomBlock(Block):
     measures = MEASURES
 
     sets: Annotated[tuple[FreeSet, ...], LISTED, AfterValidator(_different)] = key("Sets of motions.")
-    limits: Annotated[tuple[LimitSet, ...], LISTED, AfterValidator(check_labels)] = key("Limits of the motions.")
+    limits: Annotated[tuple[LimitSet, ...], LISTED, AfterValidator(settings.check_labels)] = key(
+        "Limits of the motions."
+    )
     peers: Annotated[tuple[Annotated[str, one_of(SIMULTANEOUS, DRAKE)], ...], LISTED] = key(
         "Peers of path and time together: `casadi_simultaneous`, `drake` (only `joints`).", ()
     )
@@ -350,7 +340,7 @@ class _Freedom(Kind):
     def prepare(self, block: FreedomBlock, seed: int) -> None:
         """Check the limits on every arm, and sample the first problem of each set."""
         for k, part in enumerate(block.sets):
-            with naming(f"freedom {block.id!r}: sets[{k}]"):
+            with settings.naming(f"freedom {block.id!r}: sets[{k}]"):
                 arm = part.load()
                 if part.freedom and not freedom_of(part.freedom).screws and arm.n <= 6:
                     came = f"{part.freedom!r} of {arm.name} with {arm.n} joints"

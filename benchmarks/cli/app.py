@@ -13,23 +13,13 @@ import typer
 from typer.core import TyperGroup
 
 import optik
+from benchmarks.cli import paths
 from benchmarks.cli.bench import CheckCommand, ListCommand, NewCommand
 from benchmarks.cli.cell import CellCommand
 from benchmarks.cli.certify import CertifyCommand
 from benchmarks.cli.command import UsageError, add_command, err_console, name_options, translate
 from benchmarks.cli.installation import DoctorCommand, KernelsCommand, PeerCommand
 from benchmarks.cli.motion import DriveCommand, StreamCommand, ViewCommand
-from benchmarks.cli.paths import (
-    ArcCommand,
-    CheckProgramCommand,
-    JointsCommand,
-    LineCommand,
-    PathCommand,
-    PointToPointCommand,
-    PolylineCommand,
-    ProgramCommand,
-    SplineCommand,
-)
 from benchmarks.cli.robot import FkCommand, IkCommand, RobotsCommand
 from benchmarks.cli.runs import CompareCommand, DemoCommand, ReportCommand, RunCommand
 from optik.errors import InvalidMotion, NoSolution, OptikError, OutputError
@@ -72,15 +62,15 @@ app.add_typer(program_app, name="program")
 add_command(app, "robots", RobotsCommand, "robots")
 add_command(app, "fk", FkCommand, "fk 20,-35,40,25,50,-30")
 add_command(app, "ik", IkCommand, "ik --xyz 0.3,0.2,0.3 --rpy-deg -90,10,20")
-add_command(plan_app, "line", LineCommand, "plan line --move -0.12,0,0.2 --out line.json")
-add_command(plan_app, "arc", ArcCommand, "plan arc --centre 0.1,0.3,0.2 --axis 0,0,1 --angle-deg 20")
-add_command(plan_app, "polyline", PolylineCommand, "plan polyline --waypoints seam.csv --timing constant_speed")
-add_command(plan_app, "spline", SplineCommand, "plan spline --waypoints scan.csv --timing constant_speed")
-add_command(plan_app, "joints", JointsCommand, "plan joints --to-deg 0,0,10,0,30,0 --duration 4")
-add_command(plan_app, "ptp", PointToPointCommand, "plan ptp --waypoints cycle.csv")
-add_command(plan_app, "path", PathCommand, "plan path ./spiral.py --set radius=0.1")
-add_command(plan_app, "program", ProgramCommand, "plan program cycle.toml --out cycle.yaml --rate 125")
-add_command(program_app, "check", CheckProgramCommand, "program check cycle.toml")
+add_command(plan_app, "line", paths.LineCommand, "plan line --move -0.12,0,0.2 --out line.json")
+add_command(plan_app, "arc", paths.ArcCommand, "plan arc --centre 0.1,0.3,0.2 --axis 0,0,1 --angle-deg 20")
+add_command(plan_app, "polyline", paths.PolylineCommand, "plan polyline --waypoints seam.csv --timing constant_speed")
+add_command(plan_app, "spline", paths.SplineCommand, "plan spline --waypoints scan.csv --timing constant_speed")
+add_command(plan_app, "joints", paths.JointsCommand, "plan joints --to-deg 0,0,10,0,30,0 --duration 4")
+add_command(plan_app, "ptp", paths.PointToPointCommand, "plan ptp --waypoints cycle.csv")
+add_command(plan_app, "path", paths.PathCommand, "plan path ./spiral.py --set radius=0.1")
+add_command(plan_app, "program", paths.ProgramCommand, "plan program cycle.toml --out cycle.yaml --rate 125")
+add_command(program_app, "check", paths.CheckProgramCommand, "program check cycle.toml")
 add_command(app, "certify", CertifyCommand, "certify log.csv --robot ur5e --ignore effort --jerk 100")
 add_command(app, "drive", DriveCommand, "drive line.json --on mujoco")
 add_command(app, "stream", StreamCommand, "stream chunks.csv --robot panda --jerk 5000 --on mujoco")

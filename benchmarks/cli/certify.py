@@ -12,23 +12,10 @@ import numpy as np
 import typer
 from rich.table import Table
 
-from benchmarks.cli.command import (
-    LimitsCommand,
-    RobotCommand,
-    TableCommand,
-    argument,
-    err_console,
-    numbers,
-    option,
-    out_console,
-    print_json,
-    translate,
-)
+from benchmarks.cli import command
+from benchmarks.cli.command import LimitsCommand, TableCommand, argument, numbers, option, out_console, print_json
 from benchmarks.cli.motion import read_motion
-from benchmarks.cli.plan import (
-    SceneCommand,
-    print_facts,
-)
+from benchmarks.cli.plan import SceneCommand, print_facts
 from benchmarks.cli.readers import read_configuration, read_number_list
 from benchmarks.provenance import version_here
 from optik.arm.model import unit_factors, unit_names
@@ -128,7 +115,7 @@ class CertifyCommand(LimitsCommand, SceneCommand, TableCommand):
         if recorded is None:
             return self.load(), None, None
         saved, is_exact = recorded
-        arm = self.load() if self.robot != RobotCommand.robot else saved.robot
+        arm = self.load() if self.robot != command.RobotCommand.robot else saved.robot
         robots = dict.fromkeys(getattr(saved.path, "robots", ()))
         if not (same := _is_same(arm, saved.robot)):
             robots, warning = (
@@ -143,7 +130,7 @@ class CertifyCommand(LimitsCommand, SceneCommand, TableCommand):
                     f"points at a rate do not say when the payload changes: judged with {arm.payload or 'none'}",
                 )
         if warning:
-            err_console.print(f"warning: {warning}", style="yellow", soft_wrap=True)
+            command.err_console.print(f"warning: {warning}", style="yellow", soft_wrap=True)
         return arm, saved if same and is_exact else None, saved.path if robots else None
 
     def _read_trajectory(self, arm: optik.Robot) -> Trajectory:
@@ -231,7 +218,7 @@ def _print_verdict(proof: Certificate, trajectory: Trajectory) -> None:
     out_console.print(f"certificate {words}", style="green" if good else "yellow")
     out_console.print(f"between its points the motion is {_describe_interpolation(proof, trajectory)}", soft_wrap=True)
     for reason in proof.reasons:
-        out_console.print(f"  {translate(reason)}", style="yellow", soft_wrap=True)
+        out_console.print(f"  {command.translate(reason)}", style="yellow", soft_wrap=True)
 
 
 def _describe_interpolation(proof: Certificate, trajectory: Trajectory) -> str:

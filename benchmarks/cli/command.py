@@ -21,14 +21,8 @@ from rich.console import Console
 from typer.core import TyperCommand
 
 import optik
-from benchmarks.cli.readers import (
-    LIMIT_HELP,
-    format_numbers,
-    read_configuration,
-    read_held,
-    read_limit,
-    read_number_list,
-)
+from benchmarks.cli import readers
+from benchmarks.cli.readers import LIMIT_HELP, format_numbers, read_configuration, read_held, read_number_list
 from optik.arm.model import unit_factors
 from optik.arm.motors import from_maker, maker_joints
 from optik.arm.urdf import TIP_ADVICE
@@ -489,7 +483,7 @@ class LimitsCommand(RobotCommand):
             from planners.limits.moveit import read_limits
 
             typed = read_limits(self.limits, arm, self.read_joint_names(arm)).given | typed
-        return typed | {"extra": {name: read_limit(name, value) for name, _, value in pairs}}
+        return typed | {"extra": {name: readers.read_limit(name, value) for name, _, value in pairs}}
 
 
 @dataclass(frozen=True, kw_only=True)

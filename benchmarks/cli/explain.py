@@ -16,16 +16,8 @@ from benchmarks.blocks.timing.settings import LawBlock
 from benchmarks.settings import NAMED_KEYS, Entries, Settings, naming
 from benchmarks.suite import OWN_KEYS, Suite
 from optik.errors import InvalidInput, OptikError
-from optik.plugins.files import (
-    CODE,
-    NO_DEFAULT,
-    ParameterDoc,
-    collect_plugins,
-    defaults,
-    find_nearest_name,
-    is_path,
-    read_parameter_docs,
-)
+from optik.plugins import files
+from optik.plugins.files import CODE, collect_plugins, defaults, find_nearest_name, is_path, read_parameter_docs
 from optik.registry import load_method
 from planners.limits import kind_of
 
@@ -148,6 +140,6 @@ def _options(group: str, word: str, name: Any, given: dict[str, Any], at: str) -
             expected = (f"{near!r}, or another of " if near else "options out of ") + ", ".join(known)
             raise InvalidInput(f"{at} ({word} {name})", f"the option {key!r}", expected)
     for key in [*given, *(k for k in known if k not in given)]:
-        about = words_of.get(key, ParameterDoc("", "", ""))
-        default = "required" if known[key] is NO_DEFAULT else _shown(known[key])
+        about = words_of.get(key, files.ParameterDoc("", "", ""))
+        default = "required" if known[key] is files.NO_DEFAULT else _shown(known[key])
         yield Explained(f"{at}.{key}", given.get(key), default, about.unit, about.meaning, key in given)

@@ -13,19 +13,8 @@ import typer
 from rich.table import Table
 
 import optik
-from benchmarks.cli.command import (
-    JsonCommand,
-    LimitsCommand,
-    RobotCommand,
-    StartCommand,
-    TableCommand,
-    argument,
-    err_console,
-    option,
-    out_console,
-    print_json,
-    translate,
-)
+from benchmarks.cli import command
+from benchmarks.cli.command import JsonCommand, argument, err_console, option, out_console, print_json, translate
 from benchmarks.cli.plan import MOTION_SUFFIXES
 from benchmarks.cli.readers import ALLOW_HELP, read_allowed, read_configuration
 from optik.arm.model import unit_factors, unit_names
@@ -247,7 +236,7 @@ def _to_finite(values: Any) -> Any:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ViewCommand(StartCommand):
+class ViewCommand(command.StartCommand):
     """Show a motion, an execution, a failed plan, an arm or a scene in the browser, as one self-contained page.
 
     The page is written beside the file, or to --html FILE. This command never moves a real arm.
@@ -282,7 +271,7 @@ class ViewCommand(StartCommand):
 
         name, suffix = str(self.plan), Path(split_links(str(self.plan))[0]).suffix.lower()
         content = read_bytes(self.plan) if suffix == ".toml" and self.plan.is_file() else b"convention"
-        typed = self.robot != RobotCommand.robot and "format" not in _read_json(self.plan)  # else a motion
+        typed = self.robot != command.RobotCommand.robot and "format" not in _read_json(self.plan)  # else a motion
         is_scene = typed or suffix in (".yaml", ".yml", ".scene") or b"convention" not in content
         is_name = name.startswith(PREFIX) or not (suffix or self.plan.exists())
         if not (is_scene or is_name or suffix in (*URDF, ".toml", ".py")):
@@ -382,7 +371,7 @@ def _read_json(file: Path) -> dict[str, Any]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class StreamCommand(LimitsCommand, TableCommand):
+class StreamCommand(command.LimitsCommand, command.TableCommand):
     """Join chunks of joint targets while the arm moves, every time within the limits, and execute them on a simulated arm.
 
     The file has the columns observed [s], index, and the joints (q1_deg,… or their names). Rows with the same time of

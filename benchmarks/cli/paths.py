@@ -14,17 +14,8 @@ import typer
 from rich.table import Table
 
 import optik
-from benchmarks.cli.command import (
-    JsonCommand,
-    Start,
-    TableCommand,
-    argument,
-    err_console,
-    numbers,
-    option,
-    out_console,
-    print_json,
-)
+from benchmarks.cli import command
+from benchmarks.cli.command import JsonCommand, Start, TableCommand, argument, numbers, option, out_console
 from benchmarks.cli.plan import PlanCommand, choose_branch
 from benchmarks.cli.readers import read_configuration, read_freedoms, read_number_list
 from optik.arm.model import unit_factors
@@ -403,12 +394,12 @@ class CheckProgramCommand(JsonCommand):
         if mistakes and mistakes[0].argument == "file":
             raise mistakes[0]
         for mistake in mistakes:
-            err_console.print(f"error: {mistake}", soft_wrap=True)
+            command.err_console.print(f"error: {mistake}", soft_wrap=True)
         if content is None:
             raise typer.Exit(2)
         rows = [_describe(item, content.robot) for item in content.program.items]
         if self.as_json:
-            print_json({"robot": content.robot.name, "items": rows, "events": len(content.events)})
+            command.print_json({"robot": content.robot.name, "items": rows, "events": len(content.events)})
             return
         table = Table("", "name", "motion", "at its end", "limits", title=f"{self.file.name} on {content.robot.name}")
         number = 0

@@ -14,17 +14,8 @@ import typer
 from rich.table import Table
 
 import optik
-from benchmarks.cli.command import (
-    MotionCommand,
-    RobotCommand,
-    Start,
-    err_console,
-    numbers,
-    option,
-    out_console,
-    print_json,
-    translate,
-)
+from benchmarks.cli import command
+from benchmarks.cli.command import MotionCommand, RobotCommand, Start, numbers, option, out_console, translate
 from benchmarks.cli.readers import ALLOW_HELP, format_numbers, read_allowed, read_bound, read_number_list
 from optik.arm.model import unit_factors
 from optik.arm.motors import maker_joints
@@ -314,7 +305,7 @@ class PlanCommand(MotionCommand, SceneCommand):
         if not begins_elsewhere:
             start.print_default()
         if self.as_json:
-            print_json(plan.to_dict())
+            command.print_json(plan.to_dict())
             raise typer.Exit(0 if valid else 1)
         print_certificate(plan, law.list_enforced(plan.motion.limits))  # raises NoSolution without a motion
         print_choice(plan)
@@ -442,7 +433,7 @@ def _write_failed(plan: planners.Plan, file: Path) -> None:
     text = json.dumps(data, allow_nan=False) + "\n"
     write_atomically(file, lambda part: part.write_text(text, encoding="utf-8"))
     seen = f"; to see it: optik view {file}" if data["t"] else ", without a configuration"
-    err_console.print(f"failed plan written to {file}{seen}", soft_wrap=True)
+    command.err_console.print(f"failed plan written to {file}{seen}", soft_wrap=True)
 
 
 def _read_torque_limit(arm: optik.Robot, field: str, text: str) -> dict[str, Any]:

@@ -10,19 +10,8 @@ import typer
 from rich.table import Table
 
 import optik
-from benchmarks.cli.command import (
-    Q_DEG,
-    FileCommand,
-    RobotCommand,
-    StartCommand,
-    argument,
-    err_console,
-    numbers,
-    option,
-    optional,
-    out_console,
-    print_json,
-)
+from benchmarks.cli import command
+from benchmarks.cli.command import Q_DEG, FileCommand, err_console, numbers, option, optional, out_console, print_json
 from benchmarks.cli.readers import format_numbers, load_or_error, read_joint_values, read_number_list
 from optik.arm.limits import LIMIT_TOLERANCE
 from optik.arm.model import unit_factors, unit_names
@@ -81,10 +70,10 @@ def _describe_ranges(robot: Robot) -> str:
 
 
 @dataclass(frozen=True, kw_only=True)
-class FkCommand(RobotCommand):
+class FkCommand(command.RobotCommand):
     """Compute forward kinematics: the tool pose for joint values."""
 
-    q_deg: str = argument(Q_DEG, "Joint values [degrees, prismatic mm]: 20,-35,40 or 20 -35 40.")
+    q_deg: str = command.argument(Q_DEG, "Joint values [degrees, prismatic mm]: 20,-35,40 or 20 -35 40.")
 
     def run(self) -> None:
         """Print the pose."""
@@ -116,7 +105,7 @@ class FkCommand(RobotCommand):
 
 
 @dataclass(frozen=True, kw_only=True)
-class IkCommand(StartCommand):
+class IkCommand(command.StartCommand):
     """Solve inverse kinematics: joint values for a tool pose.
 
     Without --rpy-deg or --quat, the target has the orientation of the tool at the start configuration. For an arm with

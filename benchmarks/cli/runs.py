@@ -223,21 +223,19 @@ class ReportFormat(StrEnum):
     MD = "md"
     CSV = "csv"
     TEX = "tex"
-    PDF = "pdf"
 
 
 @dataclass(frozen=True, kw_only=True)
 class ReportCommand(JsonCommand):
-    """Write the report of a run into its folder: one HTML page that works offline, or its tables and figures.
+    """Write the report of a run into its folder: one HTML page that works offline, or its tables as Markdown, CSV or LaTeX.
 
-    Tables are written as Markdown, CSV or LaTeX, figures as SVG (with Markdown) or PDF.
+    The page saves each figure as SVG.
     """
 
     folder: Path = argument("RUN", "Folder of a run.")
     format: list[ReportFormat] | None = option(
         "Output",
-        "Repeatable. html: one page; md: report.md with figures; csv or tex: one file per table; pdf: one file per figure. "
-        "By default html.",
+        "Repeatable. html: one page with figures; md: all tables in report.md; csv or tex: a file per table. By default html.",
     )
     columns: str = option(
         "Output",
@@ -262,11 +260,10 @@ class ReportCommand(JsonCommand):
             print_json({"report": files[0] if files else None, "files": files})
             return
         for one, paths in written.items():
-            what = "figures" if one is ReportFormat.PDF else "tables"
-            words = f"no {what} written: no part of this run is finished"
+            words = "no tables written: no part of this run is finished"
             if paths:
                 whole = one in (ReportFormat.HTML, ReportFormat.MD)
-                words = f"report: {paths[0]}" if whole else f"{len(paths)} {what} in {paths[0].parent}"
+                words = f"report: {paths[0]}" if whole else f"{len(paths)} tables in {paths[0].parent}"
             out_console.print(words, soft_wrap=True)
 
     def _write(self, form: ReportFormat, folder: RunFolder, columns: list[str]) -> list[Path]:
@@ -275,8 +272,6 @@ class ReportCommand(JsonCommand):
 
         if form is ReportFormat.HTML:
             return [write_report(folder)]
-        if form is ReportFormat.PDF:
-            return formats.write_figures(folder)
         writers = {
             ReportFormat.MD: formats.write_markdown,
             ReportFormat.CSV: formats.write_csv,

@@ -9,23 +9,9 @@ from typing import Any
 import numpy as np
 import polars as pl
 
+from benchmarks.experiments import workspace
 from benchmarks.experiments.base import FAILS, HOLDS, PARTLY, UNTESTED, Finding
-from benchmarks.experiments.workspace import (
-    ALMOST_ALL,
-    JUDGED_ERRORS,
-    LEAST_IN_BIN,
-    TWO_MM,
-    Fit,
-    fit_figures,
-    fit_line,
-    linear_error,
-    linear_verdict,
-    linear_words,
-    more_iterations,
-    nearest_that_hold,
-    rank_over_distance,
-    within_two_millimetres,
-)
+from benchmarks.experiments.workspace import ALMOST_ALL, JUDGED_ERRORS, TWO_MM, Fit, fit_line, nearest_that_hold
 from benchmarks.records import RunFolder
 from benchmarks.statistics import wilson
 
@@ -126,12 +112,12 @@ def _more_iterations(rows: pl.DataFrame) -> Finding:
     if rows.is_empty():
         return Finding("b", claim, UNTESTED, "The run has no spots with dls.", rule)
     needed = needed_budgets(rows).sort("distance", "problem", "repeat")
-    if len(needed) < 10 * LEAST_IN_BIN:
+    if len(needed) < 10 * workspace.LEAST_IN_BIN:
         return Finding("b", claim, UNTESTED, f"Only {len(needed)} trials are within 2 mm: too few to judge.", rule)
     far, took = needed["distance"].to_numpy(), needed["needed"].to_numpy()
     if len(set(took.tolist())) == 1:
         return Finding("b", claim, FAILS, f"All {len(needed):,} trials need {took[0]} iterations.", rule)
-    rank = rank_over_distance(far, took, "trials")
+    rank = workspace.rank_over_distance(far, took, "trials")
     text = f"{rows['setting'][0]}: rank correlation {rank.rho:.2f} over {len(needed):,} trials; {rank.words}"
     return Finding("b", claim, rank.verdict("spots"), text, rule, rank.figures)
 
@@ -160,15 +146,17 @@ def _linear(dls: pl.DataFrame) -> Finding:
         return Finding("c", claim, UNTESTED, "The run has no spots with dls.", rule)
     fits = {str(setting): dict(_fits(part)) for (setting,), part in dls.group_by("setting", maintain_order=True)}
     if not any(fits.values()):
-        why = f"No budget has {12 * LEAST_IN_BIN} trials in which the iteration's own error is the largest part."
+        why = f"No budget has {12 * workspace.LEAST_IN_BIN} trials in which the iteration's own error is the largest part."
         return Finding("c", claim, UNTESTED, why, rule)
-    return Finding("c", claim, linear_verdict(fits), linear_words(fits), rule, fit_figures(fits))
+    return Finding(
+        "c", claim, workspace.linear_verdict(fits), workspace.linear_words(fits), rule, workspace.fit_figures(fits)
+    )
 
 
 def _fits(rows: pl.DataFrame) -> Iterator[tuple[int, dict[str, Fit]]]:
     done = rows.filter(pl.col("position_error").is_not_null())
     for (budget,), part in done.sort("budget").group_by("budget", maintain_order=True):
-        if len(part) >= 12 * LEAST_IN_BIN and _iteration_leads(part):
+        if len(part) >= 12 * workspace.LEAST_IN_BIN and _iteration_leads(part):
             yield (
                 int(budget),
                 {c: fit_line(part["distance"].to_numpy(), np.abs(part[c].to_numpy())) for c in JUDGED_ERRORS},
@@ -411,9 +399,9 @@ def _worst(plan: dict[str, Any], field: str) -> tuple[float, str]:
 
 
 CLAIMS = (
-    within_two_millimetres,
-    more_iterations,
-    linear_error,
+    workspace.within_two_millimetres,
+    workspace.more_iterations,
+    workspace.linear_error,
     damping_trade,
     start_and_step,
     smooth_joints,

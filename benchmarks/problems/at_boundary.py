@@ -19,12 +19,7 @@ then grows with the square of that motion."""
 
 
 @with_starts
-def at_boundary(
-    robot: Robot,
-    seed: int,
-    *,
-    count: int = 200,
-) -> dict[str, Array]:
+def at_boundary(robot: Robot, seed: int, *, count: int = 200) -> dict[str, Array]:
     """Targets whose positions are the farthest that the tool reaches in random directions, where the arm is stretched.
 
     For a random unit vector d the tool position p with the largest d·p is found by search: each joint in turn moves to its

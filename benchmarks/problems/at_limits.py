@@ -14,13 +14,7 @@ from optik.types import Array
 
 
 @with_starts
-def at_limits(
-    robot: Robot,
-    seed: int,
-    *,
-    count: int = 200,
-    joints: Sequence[int] = (1, 2, 3),
-) -> dict[str, Array]:
+def at_limits(robot: Robot, seed: int, *, count: int = 200, joints: Sequence[int] = (1, 2, 3)) -> dict[str, Array]:
     """Targets whose solution has several joints at their limits at once, where clamping and step rejection decide.
 
     Which joints and which of their two limits is random; the other joints are uniform inside their limits. There may be

@@ -8,16 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from benchmarks.problems.base import (
-    REFERENCE_RESTARTS,
-    ProblemSet,
-    check_starts,
-    name_with_kind,
-    random_stream,
-    searched,
-    start_configurations,
-    start_of,
-)
+from benchmarks.problems import base
+from benchmarks.problems.base import REFERENCE_RESTARTS, ProblemSet, check_starts, name_with_kind, searched, start_of
 from benchmarks.problems.tables import Poses, read_poses
 from optik.arm.robot import Robot
 from optik.types import Array
@@ -82,7 +74,9 @@ def _starts(robot: Robot, seed: int, kind: str, poses: Poses, start_deg: ArrayLi
     k = len(poses.targets)
     if start_deg is not None:
         return np.tile(start_of(robot, start_deg), (k, 1))
-    return start_configurations(robot.limits, random_stream(seed, "file", kind), np.zeros((k, robot.n)), kind, 1.0)
+    return base.start_configurations(
+        robot.limits, base.random_stream(seed, "file", kind), np.zeros((k, robot.n)), kind, 1.0
+    )
 
 
 METHOD = file

@@ -11,12 +11,7 @@ from optik.types import Array
 
 
 @with_starts
-def random_reachable(
-    robot: Robot,
-    seed: int,
-    *,
-    count: int = 500,
-) -> dict[str, Array]:
+def random_reachable(robot: Robot, seed: int, *, count: int = 500) -> dict[str, Array]:
     """Targets at random positions and orientations that the arm can reach, from one fixed start or several kinds of starts.
 
     The first problems are the same for any larger count.

@@ -7,16 +7,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from benchmarks.problems.base import (
-    ELBOW,
-    RANK_LOST,
-    SHOULDER,
-    WRIST,
-    by_all_joints,
-    by_one_joint,
-    random_stream,
-    with_starts,
-)
+from benchmarks.problems import base
+from benchmarks.problems.base import ELBOW, SHOULDER, WRIST, by_all_joints, by_one_joint, random_stream, with_starts
 from optik.arm.robot import Robot
 from optik.check import check_count, check_number
 from optik.errors import InvalidInput
@@ -141,7 +133,7 @@ def _singular(robot: Robot, rng: np.random.Generator, kind: str) -> Array:
     """Return some singular configurations (j, n) of one kind inside the limits."""
     q = robot.limits.sample(rng, SHELL_CHUNK)
     q = by_all_joints(robot, q) if kind == "any" else by_one_joint(robot, rng, q, JOINT_OF[kind])
-    q = q[robot.limits.contains(q) & (robot.singular_values(q)[:, -1] < RANK_LOST)]
+    q = q[robot.limits.contains(q) & (robot.singular_values(q)[:, -1] < base.RANK_LOST)]
     return q[_persists(robot, q)] if kind in ("wrist", "elbow") else q
 
 

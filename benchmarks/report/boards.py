@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import base64
-import copy
 import gzip
 import html
 import json
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cache
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -392,50 +391,6 @@ class Board:
     def state(self) -> dict[str, str]:
         """Initial value of every control."""
         return {c.key: c.value for c in self.controls}
-
-    @property
-    def chosen(self) -> str:
-        """Initial choices in words, for a figure on paper; empty without a choice."""
-        here = [c for c in self.shown if fits(c.when, self.state)]
-        named = "; ".join(f"{c.label}: {dict(c.options)[c.value]}" for c in here)
-        return f"Shown for {named}." if named else ""
-
-    def each(self, key: str) -> tuple[Board, ...]:
-        """Return one board for each value of a control, to be drawn one after another."""
-        if all(c.key != key for c in self.shown):
-            return (self,)
-
-        def fixed(value: str) -> tuple[Control, ...]:
-            return tuple(replace(c, initial=value) if c.key == key else c for c in self.controls)
-
-        values = [value for c in self.controls if c.key == key for value, _ in c.options]
-        return tuple(replace(self, id=f"{self.id}-{value}", controls=fixed(value)) for value in values)
-
-    def at_first(self) -> list[Figure]:
-        """Return the figures at the initial choices."""
-        return [figure_at(figure, self.state) for figure in self.figures]
-
-
-def fits(when: When, state: Mapping[str, str]) -> bool:
-    """Return whether something is shown at these choices."""
-    return all(state.get(key) in values for key, values in when.items())
-
-
-def figure_at(figure: Figure, state: Mapping[str, str]) -> Figure:
-    """Return a figure as it is at some choices."""
-    import plotly.graph_objects as go
-
-    found = go.Figure(layout=copy.copy(figure.layout))
-    for variant in figure.layout.meta.get("variants", ()):
-        if fits(variant["when"], state):
-            found.update_layout(variant["layout"])
-    for trace in figure.data:
-        meta = trace.meta or {}
-        if fits(meta.get("when", {}), state):
-            found.add_trace(trace)
-            if "look" in meta and fits(meta["at"], state):
-                found.data[-1].update(meta["look"])
-    return found
 
 
 # ---------------------------------------------------------------- data for the browser

@@ -13,25 +13,9 @@ from benchmarks.blocks.block import Of, count, largest, median
 from benchmarks.blocks.cell import WITHIN, WITHIN_M, Noise
 from benchmarks.experiments.claims import executed_claims
 from benchmarks.records import slug
+from benchmarks.report import boards
 from benchmarks.report.base import QUESTION, KindReport, Run, Section
-from benchmarks.report.boards import (
-    ALARM_COLOUR,
-    INK_COLOUR,
-    MUTED_COLOUR,
-    Board,
-    Control,
-    add,
-    axis,
-    colour,
-    figure,
-    iterations,
-    level,
-    line,
-    line_3d,
-    log_axis,
-    shades,
-    vary,
-)
+from benchmarks.report.boards import INK_COLOUR, Board, Control, add, colour, figure, iterations, line_3d
 from benchmarks.report.budgets.accuracy import chosen
 from benchmarks.report.page import claims_of
 from benchmarks.report.tables import Column, Group, Table, table_of
@@ -178,7 +162,7 @@ def millimetres(values: pl.Series) -> np.ndarray:
     return 1e3 * values.to_numpy()
 
 
-SPOT_COLOUR, PLANNED_COLOUR, BEAM_COLOUR = colour(1), colour(2), ALARM_COLOUR
+SPOT_COLOUR, PLANNED_COLOUR, BEAM_COLOUR = colour(1), colour(2), boards.ALARM_COLOUR
 """Colours of the spot, the planned path and the beam; the executed path has the colour of text."""
 
 
@@ -188,8 +172,8 @@ EYE = {"x": 1.7, "y": -2.0, "z": 1.0}
 
 def space(run: Run) -> dict[str, Any] | None:
     """Show a picture in space of every block of spots."""
-    boards = [_space_board(b, run) for b in run.of("cell") if not _kept(b).is_empty()]
-    return {"words": (), "boards": boards, "tables": ()} if boards else None
+    shown = [_space_board(b, run) for b in run.of("cell") if not _kept(b).is_empty()]
+    return {"words": (), "boards": shown, "tables": ()} if shown else None
 
 
 def _kept(b: BlockRows) -> pl.DataFrame:
@@ -218,7 +202,7 @@ def _space_board(b: BlockRows, run: Run) -> Board:
         f"cell-space-{name}", "Planned and executed paths of the tool", height=560, scene=scene,
         margin=dict.fromkeys("lrtb", 0),
     )  # fmt: skip
-    others = {"size": 2, "color": MUTED_COLOUR}
+    others = {"size": 2, "color": boards.MUTED_COLOUR}
     add(plot, line_3d(*all_spots.T, digits=5, mode="markers", name="other spots", marker=others, hover="another spot"))
     problems = _everywhere(rows, labels)
     for row in rows.iter_rows(named=True):
@@ -229,7 +213,7 @@ def _space_board(b: BlockRows, run: Run) -> Board:
         ):  # fmt: skip
             look = {"color": drawn, "width": width}
             add(plot, line_3d(*_points(row[column]).T, digits=5, name=words, line=look, hover=words), when)
-    marker = {"size": 6, "color": SPOT_COLOUR, "symbol": "diamond", "line": {"color": MUTED_COLOUR, "width": 1}}
+    marker = {"size": 6, "color": SPOT_COLOUR, "symbol": "diamond", "line": {"color": boards.MUTED_COLOUR, "width": 1}}
     for (problem,), part in rows.group_by("problem", maintain_order=True):
         spot = 1e3 * np.array(part.select("x", "y", "z").row(0))[:, None]
         trace = line_3d(*spot, digits=5, mode="markers", name="true spot", marker=marker, hover="true spot")
@@ -300,12 +284,12 @@ def _split_board(b: BlockRows) -> Board:
     labels = settings_of([b])
     low = {"range": [np.log10(LEAST_MM) - 0.3, 3.0]}
     budgets = figure(
-        f"split-budget-{name}", "Against the iteration budget", axis("iteration budget", type="category"),
-        log_axis("median length [mm]", **low), 400,
+        f"split-budget-{name}", "Against the iteration budget", boards.axis("iteration budget", type="category"),
+        boards.log_axis("median length [mm]", **low), 400,
     )  # fmt: skip
     far = figure(
         f"split-distance-{name}", "Against the distance of the spot", "distance from the start [mm]",
-        log_axis("median length [mm]", **low), 400,
+        boards.log_axis("median length [mm]", **low), 400,
     )  # fmt: skip
     for label in labels:
         part = rows.filter(pl.col("setting") == label)
@@ -346,7 +330,7 @@ def _by_distance(plot: Figure, rows: pl.DataFrame, label: str, after: str) -> No
 
 def _line(part: str, x: Any, y: list[float]) -> Scatter:
     total = part == "total"
-    return line(
+    return boards.line(
         x, y, mode="lines+markers", marker={"size": 6},
         line={"color": TOTAL_COLOUR if total else PART_COLOURS[part], "width": 2, "dash": "dot" if total else "solid"},
         name="total: executed − spot" if total else PART_WORDS[part],
@@ -381,19 +365,19 @@ def _errors(b: BlockRows) -> Board:
     """Plot the error on each axis against the distance, for several budgets."""
     rows, name, labels = done(b), slug(b.block.id), settings_of([b], whole=False)
     budgets = chosen(b.block.budgets)
-    colours = dict(zip(budgets, shades(len(budgets)), strict=True))
+    colours = dict(zip(budgets, boards.shades(len(budgets)), strict=True))
     plots = []
     for a, printed in FIGURES.items():
         plot = figure(
             f"cell-error-{a}-{name}", f"{a.upper()} error (Fig. {printed})",
-            axis("distance from the start [mm]", rangemode="tozero"), f"error in {a.upper()} [mm]", 360,
-            shapes=[level(1e3 * WITHIN_M, "± 2 mm"), level(-1e3 * WITHIN_M)],
+            boards.axis("distance from the start [mm]", rangemode="tozero"), f"error in {a.upper()} [mm]", 360,
+            shapes=[boards.level(1e3 * WITHIN_M, "± 2 mm"), boards.level(-1e3 * WITHIN_M)],
         )  # fmt: skip
-        vary(plot, {"scale": [FINE_SCALE]}, {"yaxis": {"range": [-NEAR_MM, NEAR_MM]}})
+        boards.vary(plot, {"scale": [FINE_SCALE]}, {"yaxis": {"range": [-NEAR_MM, NEAR_MM]}})
         for label in labels:
             for budget in budgets:
                 part = rows.filter((pl.col("setting") == label) & (pl.col("budget") == budget))
-                trace = line(
+                trace = boards.line(
                     millimetres(part["distance"]), millimetres(part[f"error_{a}"]), mode="markers",
                     marker={"size": 5, "color": colours[budget]}, name=iterations(budget),
                     hover=f"{iterations(budget)}<br>%{{x:.0f}} mm away: %{{y:.3g}} mm",

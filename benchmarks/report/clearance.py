@@ -10,19 +10,9 @@ import numpy as np
 from benchmarks.blocks.base import BlockRows
 from benchmarks.blocks.clearance import MEASURES, PROOF
 from benchmarks.records import slug
+from benchmarks.report import boards
 from benchmarks.report.base import KindReport, Run, Section
-from benchmarks.report.boards import (
-    Board,
-    Control,
-    Sample,
-    add,
-    axis,
-    figure,
-    fraction_plot,
-    interval,
-    line,
-    ticked_axis,
-)
+from benchmarks.report.boards import Board, Sample, add, axis, figure, fraction_plot, interval, line, ticked_axis
 from benchmarks.report.tables import Column, Table, number, table_of
 from benchmarks.statistics import percentage
 
@@ -108,7 +98,7 @@ def _board(blocks: Sequence[BlockRows], run: Run) -> Board:
                 ), {"scene": [b.block.title]})  # fmt: skip
     titles = [b.block.title for b in blocks]
     return Board(
-        "clearance-board", (missed, times), (Control.of("scene", "Scene", titles),) if titles[1:] else (),
+        "clearance-board", (missed, times), (boards.Control.of("scene", "Scene", titles),) if titles[1:] else (),
         f"{PROOF.capitalize()}: also between samples. Bars are Wilson's 95 % intervals.",
     )  # fmt: skip
 

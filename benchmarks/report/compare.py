@@ -97,9 +97,7 @@ def compare_runs(a: Run, b: Run) -> Comparison:
     if not found:
         why = "; ".join(left_out) or "no block of one is a block of the other"
         raise InvalidInput(
-            "runs",
-            f"{a.folder.path} and {b.folder.path} ({why})",
-            "two runs with a block of the same problems",
+            "runs", f"{a.folder.path} and {b.folder.path} ({why})", "two runs with a block of the same problems"
         )
     corrected = holm([d.p for d, _, _ in found])
     judged = tuple(_judged(d, m, p, far) for (d, m, far), p in zip(found, corrected, strict=True))

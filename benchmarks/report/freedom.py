@@ -14,23 +14,9 @@ import polars as pl
 from benchmarks.blocks.base import BlockRows
 from benchmarks.blocks.freedom import ALONG_INITIAL, CHOSEN, MEASURES, FreeSet
 from benchmarks.records import slug
+from benchmarks.report import boards
 from benchmarks.report.base import KindReport, Run, Section
-from benchmarks.report.boards import (
-    ALARM_COLOUR,
-    MUTED_COLOUR,
-    Board,
-    Control,
-    Sample,
-    add,
-    axis,
-    colour,
-    entry,
-    figure,
-    fraction_plot,
-    line,
-    squeeze,
-    vary,
-)
+from benchmarks.report.boards import Board, Control, Sample, add, axis, colour, figure, fraction_plot, line, vary
 from benchmarks.report.tables import Column, Group, Table, number, table_of
 from benchmarks.report.timing.line import detailed, read_track
 from optik.view.page import embed_arm
@@ -112,11 +98,11 @@ def section(run: Run) -> dict[str, Any] | None:
     blocks = run.of("freedom")
     if not blocks:
         return None
-    boards = [_ratios(blocks)]
+    shown = [_ratios(blocks)]
     examples = _examples(blocks)
     if examples:
-        boards.append(_coordinates(examples))
-    return {"boards": boards, "tables": run.tables_of("freedom"), "after": [HOW_COMPARED]}
+        shown.append(_coordinates(examples))
+    return {"boards": shown, "tables": run.tables_of("freedom"), "after": [HOW_COMPARED]}
 
 
 def _ratios(blocks: Sequence[BlockRows]) -> Board:
@@ -172,14 +158,14 @@ def _coordinates(examples: Sequence[Example]) -> Board:
         has_unit = bool(rows["unit"][0])  # a coordinate with a unit; joints are shown as fractions of their ranges
         title = f"{rows['coordinate'][0]} [{rows['unit'][0]}]" if has_unit else "fraction of the joint's range"
         vary(plot, when, {"yaxis": {"title": {"text": title}}})
-        for words, dash, stroke in (("reached", "dot", MUTED_COLOUR), ("allowed", "dash", ALARM_COLOUR)):
+        for words, dash, stroke in (("reached", "dot", boards.MUTED_COLOUR), ("allowed", "dash", boards.ALARM_COLOUR)):
             keys = ("least", "most") if words == "allowed" else ("reached_least", "reached_most") if has_unit else ()
             ends = {float(end) for key in keys for end in rows[key].unique() if np.isfinite(end)}
             for end in sorted(ends):
                 look = {"color": stroke, "width": 1, "dash": dash}
                 add(plot, line([0.0, 1.0], [end, end], line=look, hover=f"{words}: %{{y:.4g}} {rows['unit'][0]}"), when)
             if ends:
-                add(plot, entry(f"range {words}", stroke, dash), when)
+                add(plot, boards.entry(f"range {words}", stroke, dash), when)
     return Board(
         "coordinates-board", (plot,), (Control.of("set", "Motions", names),),
         "The initial path has the coordinate 0. The reached range is that of the spline's coefficients, which enclose the "
@@ -199,7 +185,7 @@ def arm(run: Run) -> dict[str, Any] | None:
     path = robot.fk(tracks[ALONG_INITIAL].q)[:, :3, 3]
     return {
         "words": [f"{part.label}, {part.arm}: the first motion that became shorter."],
-        "arm": squeeze(json.dumps(embed_arm(robot, tracks, path)).encode()),
+        "arm": boards.squeeze(json.dumps(embed_arm(robot, tracks, path)).encode()),
     }  # fmt: skip
 
 

@@ -14,20 +14,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from benchmarks import records
 from benchmarks.blocks.base import Session, Shard, Tell, add_keys, silent
 from benchmarks.blocks.block import hash_problems
 from benchmarks.provenance import provenance, time_reference
-from benchmarks.records import (
-    FORMAT,
-    JOURNAL,
-    LEDGER,
-    MANIFEST,
-    Journal,
-    RunFolder,
-    failures,
-    record_failures,
-    update_manifest,
-)
+from benchmarks.records import FORMAT, JOURNAL, LEDGER, MANIFEST, Journal, RunFolder, record_failures, update_manifest
 from benchmarks.run.pool import IN_FLIGHT, Failure, Pool, Processes, ThisProcess, solve_shards, words_of_error
 from benchmarks.suite import Suite
 from optik.arm.library import load
@@ -298,7 +289,7 @@ class _Run:
 
     def _timed(self, session: Session, file: str, title: str) -> Failure | None:
         """Complete a block; return its failure, or None. A block that has failed may crash: it runs in another process."""
-        failed = (file, title) in [(one["file"], one["label"]) for one in failures(self._folder)]
+        failed = (file, title) in [(one["file"], one["label"]) for one in records.failures(self._folder)]
         apart = failed or self._lock.crashes(file) > 0
         with self._lock.at_work(file):
             if apart:

@@ -31,22 +31,9 @@ SolverLike: TypeAlias = str | os.PathLike[str] | type[IKSolver] | IKSolver
 """An IK method: its name, file or class, or a solver that is built for the arm."""
 
 __all__ = [
-    "DLS",
-    "IPOPT",
-    "LM",
-    "SQP",
-    "ClosedForm",
-    "IKBatch",
-    "IKResult",
-    "IKSolver",
-    "IKStatus",
-    "SolverLike",
-    "Tolerance",
-    "make_solver",
-    "solve_ik",
-    "solve_ik_batch",
-    "solvers",
-]
+    "DLS", "IPOPT", "LM", "SQP", "ClosedForm", "IKBatch", "IKResult", "IKSolver", "IKStatus", "SolverLike",
+    "Tolerance", "make_solver", "solve_ik", "solve_ik_batch", "solvers",
+]  # fmt: skip
 
 
 COLLISION_FREE_SEEDS = 100

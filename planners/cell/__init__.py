@@ -34,47 +34,16 @@ from planners.ros.rclpy import RclpyTransport
 from planners.ros.rosbridge import RosbridgeTransport
 from planners.ros.transport import Transport
 
-__all__ = [
-    "Calibration",
-    "CalibrationStatus",
-    "Cell",
-    "CellStatus",
-    "Drive",
-    "ErrorSplit",
-    "Execution",
-    "ExecutionStatus",
-    "Fault",
-    "FaultKind",
-    "Gripper",
-    "HeldObject",
-    "IdealDrive",
-    "Moment",
-    "MujocoDrive",
-    "Outcome",
-    "PanTiltLaser",
-    "PathSplit",
-    "Plane",
-    "RclpyTransport",
-    "RosDrive",
-    "RosbridgeTransport",
-    "Round",
-    "Setpoints",
-    "SightStatus",
-    "Sighting",
-    "SimulatedDrive",
-    "Spot",
-    "Step",
-    "Transport",
-    "calibrate",
-    "drives",
-    "fit_periods",
-    "make_drive",
-    "make_setpoints",
-    "mujoco_model",
-    "restore_plan",
-    "show_execution",
-    "show_outcome",
+__all__ = [  # noqa: RUF022 -- by task
+    # the cell and its tasks
+    "Cell", "Gripper", "HeldObject", "CellStatus", "Outcome", "Round", "Step", "ErrorSplit", "PathSplit", "split_errors",
     "split_configurations",
-    "split_errors",
-    "to_mjcf",
-]
+    # the laser unit
+    "PanTiltLaser", "Plane", "Spot", "Sighting", "SightStatus", "Calibration", "CalibrationStatus", "calibrate",
+    # drives and what they execute
+    "Drive", "SimulatedDrive", "IdealDrive", "MujocoDrive", "RosDrive", "RclpyTransport", "RosbridgeTransport", "Transport",
+    "drives", "make_drive", "Setpoints", "Execution", "ExecutionStatus", "Fault", "FaultKind", "Moment", "fit_periods",
+    "make_setpoints", "mujoco_model", "to_mjcf",
+    # a picture
+    "restore_plan", "show_execution", "show_outcome",
+]  # fmt: skip

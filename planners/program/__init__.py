@@ -6,14 +6,6 @@ from planners.program.parts import Dwell, Move, Part, Program, ToolChange
 from planners.program.planner import ProgramPlan
 
 __all__ = [
-    "Dwell",
-    "Move",
-    "Part",
-    "PathEvent",
-    "PeriodicEvent",
-    "Program",
-    "ProgramPlan",
-    "TimedEvent",
-    "ToolChange",
+    "Dwell", "Move", "Part", "PathEvent", "PeriodicEvent", "Program", "ProgramPlan", "TimedEvent", "ToolChange",
     "load_program",
-]
+]  # fmt: skip

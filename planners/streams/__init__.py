@@ -5,13 +5,6 @@ from planners.streams.result import Retargeted, RetargetStatus
 from planners.streams.stream import Setpoint, Stream, StreamReport, retarget, stream
 
 __all__ = [
-    "Chunk",
-    "JogVelocity",
-    "RetargetStatus",
-    "Retargeted",
-    "Setpoint",
-    "Stream",
-    "StreamReport",
-    "retarget",
+    "Chunk", "JogVelocity", "RetargetStatus", "Retargeted", "Setpoint", "Stream", "StreamReport", "retarget",
     "stream",
-]
+]  # fmt: skip

@@ -16,16 +16,6 @@ from planners.trajectory.trajectory import (
 )
 
 __all__ = [
-    "Extrema",
-    "State",
-    "Trajectory",
-    "append_rest",
-    "cut_after",
-    "cut_before",
-    "join",
-    "make_rest",
-    "map_joints",
-    "shift_pieces",
-    "simulate_controller",
-    "without_rounding",
-]
+    "Extrema", "State", "Trajectory", "append_rest", "cut_after", "cut_before", "join", "make_rest", "map_joints",
+    "shift_pieces", "simulate_controller", "without_rounding",
+]  # fmt: skip

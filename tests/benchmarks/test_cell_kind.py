@@ -16,19 +16,9 @@ import polars as pl
 import pytest
 
 import optik
+from benchmarks.blocks import cell
 from benchmarks.blocks.base import Session, load_kind
-from benchmarks.blocks.cell import (
-    CellBlock,
-    Noise,
-    Spots,
-    SpotTrials,
-    answers_along,
-    errors_of,
-    plan_through,
-    plant_of,
-    trial_facts,
-    trial_of,
-)
+from benchmarks.blocks.cell import CellBlock, Noise, Spots, SpotTrials, errors_of, plant_of, trial_facts, trial_of
 from benchmarks.experiments.base import FAILS, HOLDS, PARTLY, UNTESTED
 from benchmarks.experiments.claims import executed_claims, needed_budgets
 from benchmarks.records import RunFolder
@@ -324,12 +314,12 @@ def test_iterations_at_each_pose_follow_the_line_with_the_lag_of_their_step() ->
     line = Line(T, goal)
     for step, k, left in ((0.25, 1, 0.75), (0.25, 2, 0.75**2), (0.5, 1, 0.5)):
         solver = make_solver(robot, "dls", step=step, damping=1e-4, max_iterations=k, max_restarts=0)
-        answers = answers_along(line, q, solver)
+        answers = cell.answers_along(line, q, solver)
         assert len(answers) == 151 and (answers[0] == q).all()
         off = goal[:3, 3] - robot.fk(answers[-1])[:3, 3]
         lag = line.end / 150.0 * left / (1.0 - left)
         assert np.linalg.norm(off - lag * np.array([-0.12, 0.0, 0.2]) / line.end) < 0.02 * lag
-        planned = plan_through(robot, line, answers, "dls", "optimal")
+        planned = cell.plan_through(robot, line, answers, "dls", "optimal")
         assert planned and np.abs(planned.trajectory(planned.trajectory.end) - answers[-1]).max() < 1e-12
         np.testing.assert_allclose(planned.joint_path(np.linspace(0.0, line.end, 151)), answers, atol=1e-12)
 

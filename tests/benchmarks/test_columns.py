@@ -6,17 +6,8 @@ from typing import Any
 import polars as pl
 import pytest
 
-from benchmarks.blocks.block import (
-    Column,
-    count,
-    largest,
-    mean,
-    median,
-    median_with_interval,
-    median_with_range,
-    quantile,
-    share,
-)
+from benchmarks.blocks import block
+from benchmarks.blocks.block import Column, count, largest, mean, median, median_with_range, quantile, share
 from benchmarks.report.tables import table_of
 from benchmarks.statistics import wilson
 
@@ -50,7 +41,7 @@ def test_a_computation_counts_what_is_there(of: Any, value: Any) -> None:
 
 
 def test_the_value_of_a_measure_is_a_number() -> None:
-    assert Column("a", "a", of=median_with_interval("ms")).value(ROWS) == 3.0
+    assert Column("a", "a", of=block.median_with_interval("ms")).value(ROWS) == 3.0
     assert math.isnan(Column("a", "a", of=largest("ms")).value(ROWS.clear()))
     assert math.isnan(Column("a", "a").value(ROWS))
     assert Column("a", "a", of=lambda rows, one, to: len(one) - len(to), relative=True).value(ROWS, "abc", "a") == 2.0

@@ -10,15 +10,9 @@ import numpy as np
 import polars as pl
 import pytest
 
+from benchmarks.experiments import claims
 from benchmarks.experiments.base import FAILS, HOLDS, PARTLY, UNTESTED
-from benchmarks.experiments.claims import (
-    CLAIMS,
-    damping_trade,
-    judge_claims,
-    on_the_line,
-    smooth_joints,
-    start_and_step,
-)
+from benchmarks.experiments.claims import damping_trade, judge_claims, on_the_line, smooth_joints, start_and_step
 from benchmarks.experiments.workspace import fit_line, linear_error, more_iterations, within_two_millimetres
 from benchmarks.records import RunFolder
 from benchmarks.report import write_report
@@ -64,9 +58,7 @@ def turning(axis: int) -> Callable[[Array], Array]:
 
 
 def settings(
-    *errors: Callable[[Array], Array],
-    took: Callable[[Array], Array] = few,
-    shares: Callable[[Array], Array] = even,
+    *errors: Callable[[Array], Array], took: Callable[[Array], Array] = few, shares: Callable[[Array], Array] = even
 ) -> Rows:
     """A workspace block with one setting of dls for each error as a function of the distance."""
     d = np.random.default_rng(0).uniform(0.02, 0.6, COUNT)
@@ -259,7 +251,7 @@ def test_a_power_law_is_recovered(power: float) -> None:
 def test_every_claim_is_judged_once_and_what_is_not_there_is_not_tested(small_run: RunFolder) -> None:
     findings = {f.key: f for f in judge_claims(small_run)}
     assert list(findings) == ["a", "b", "c", "d", "e", "f", "g"]
-    assert len(CLAIMS) == 7
+    assert len(claims.CLAIMS) == 7
     assert findings["d"].verdict == findings["e"].verdict == UNTESTED
     assert findings["g"].verdict == HOLDS
     assert findings["f"].verdict.startswith(PARTLY)

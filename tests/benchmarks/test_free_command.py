@@ -197,12 +197,7 @@ def test_misuse_of_freedoms_names_what_is_allowed(typed: Any, arguments: tuple[s
         (CYCLE + GOAL, START, 2, "the first row of --waypoints is the start"),
         (CYCLE + GOAL, ("--branch", "start"), 2, "--branch: expected no branch"),
         (CYCLE + GOAL, ("--avoid",), 2, "--avoid: expected a scene"),
-        (
-            CYCLE.replace("114", "2114") + GOAL,
-            (),
-            1,
-            "cycle.csv, line 3, from",
-        ),
+        (CYCLE.replace("114", "2114") + GOAL, (), 1, "cycle.csv, line 3, from"),
         (
             CYCLE.replace("114", "9114") + GOAL,
             (),

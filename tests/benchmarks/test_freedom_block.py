@@ -10,18 +10,10 @@ import numpy as np
 import polars as pl
 import pytest
 
+from benchmarks.blocks import freedom
 from benchmarks.blocks.base import load_kind
 from benchmarks.blocks.block import Target
-from benchmarks.blocks.freedom import (
-    ALONG_INITIAL,
-    CHOSEN,
-    DRAKE,
-    SIMULTANEOUS,
-    FreedomBlock,
-    draw,
-    solve,
-    solve_by_peer,
-)
+from benchmarks.blocks.freedom import ALONG_INITIAL, CHOSEN, DRAKE, SIMULTANEOUS, FreedomBlock, draw, solve_by_peer
 from benchmarks.peers import casadi_simultaneous
 from benchmarks.peers.ik.drake import METHOD as PEER
 from benchmarks.records import RunFolder
@@ -134,7 +126,7 @@ def test_the_peer_turns_the_tool_as_we_do_and_takes_no_via_points(monkeypatch: p
     block = FreedomBlock.read({"id": "f", "sets": SETS, "limits": [LIMITS]})
     problem = draw(block.sets[0], block.limits, 2026, 1)
     limits = block.limits[0].of(problem[0])
-    ours = solve(block.sets[0], limits, problem)[0]
+    ours = freedom.solve(block.sets[0], limits, problem)[0]
     row = solve_by_peer(SIMULTANEOUS, limits, problem, ours)
     assert row["status"] == "solved" and row["certified"] and row["steps"] > 1 and row["ms"] > 0.0
     assert row["gain"] == 1.0 - row["duration"] / ours["fixed_duration"]
@@ -151,7 +143,7 @@ def test_drake_moves_between_two_configurations_only_and_its_motion_is_certified
     moves = FreedomBlock.read({"id": "f", "sets": [{"robot": "panda", "kind": "joints", "count": 1}], "limits": [own]})
     problem = draw(moves.sets[0], moves.limits, 2026, 0)
     limits = moves.limits[0].of(problem[0])
-    ours = solve(moves.sets[0], limits, problem)[0]
+    ours = freedom.solve(moves.sets[0], limits, problem)[0]
     row = solve_by_peer(DRAKE, limits, problem, ours)
     assert row["certified"] and row["own_duration"] <= row["duration"] * (1.0 + 1e-6)
     assert 1.0 <= row["duration"] / ours["duration"] <= 1.1

@@ -14,18 +14,8 @@ import pytest
 from scipy.optimize import least_squares
 
 import optik
-from benchmarks.problems.base import (
-    SETS,
-    START_KINDS,
-    ProblemSet,
-    known_solutions,
-    put_at_zero,
-    put_on_limits,
-    random_stream,
-    singular,
-    start_configurations,
-    start_of,
-)
+from benchmarks.problems import base
+from benchmarks.problems.base import known_solutions, put_at_zero, put_on_limits, random_stream, singular, start_of
 from benchmarks.problems.hard import hard
 from optik import DHRow, JointLimits, Robot
 from optik.errors import InvalidInput
@@ -124,8 +114,8 @@ def test_a_start_is_given_in_degrees_and_of_sliding_joints_in_millimetres() -> N
 NEW_SETS = ("at_limits", "at_boundary", "beyond_reach", "singular_shells", "tracking", "random_reachable")
 
 
-def drawn(name: str, robot: Robot, seed: int = 4, **options: Any) -> ProblemSet:
-    return build_method(SETS, name, "problem set", robot, seed, **options)
+def drawn(name: str, robot: Robot, seed: int = 4, **options: Any) -> base.ProblemSet:
+    return build_method(base.SETS, name, "problem set", robot, seed, **options)
 
 
 def test_a_target_that_one_attempt_misses_is_known_and_one_out_of_reach_is_proved() -> None:
@@ -195,8 +185,8 @@ def test_starts_are_where_their_kind_says() -> None:
     robot = optik.load("paper6r")
     q = robot.limits.sample(random_stream(shift_seed(4), "q"), 300)
     at = {
-        kind: start_configurations(robot.limits, random_stream(shift_seed(4), kind), q, kind, 0.1)
-        for kind in START_KINDS
+        kind: base.start_configurations(robot.limits, random_stream(shift_seed(4), kind), q, kind, 0.1)
+        for kind in base.START_KINDS
     }
     for starts in at.values():
         assert robot.limits.contains(starts).all()

@@ -139,9 +139,14 @@ def test_every_control_is_driven(opened: Browser) -> None:
 
 def test_no_button_talks_to_a_server(opened: Browser) -> None:
     titles = "[...document.querySelectorAll('.modebar-btn')].map(b => b.dataset.title)"
-    assert set(opened.run(titles)) <= {"Zoom", "Pan", "Reset axes", "Download plot as a PNG", "Orbital rotation",
+    assert set(opened.run(titles)) <= {"Zoom", "Pan", "Reset axes", "Download plot", "Orbital rotation",
                                        "Reset camera to default"}  # fmt: skip
     assert opened.run("[...document.querySelectorAll('.js-plotly-plot')].every(p => !p._context.plotlyServerURL)")
+
+
+def test_a_figure_is_saved_as_svg(opened: Browser) -> None:
+    plot = "document.querySelector('.js-plotly-plot')"
+    assert opened.run(f"Plotly.toImage({plot}, {plot}._context.toImageButtonOptions)").startswith("data:image/svg+xml")
 
 
 def test_names_with_tags_stay_text(opened: Browser) -> None:

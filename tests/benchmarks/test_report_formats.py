@@ -1,4 +1,4 @@
-"""What leaves the page: tables as CSV, Markdown and LaTeX read back, figures as SVG, and the data that the page packs."""
+"""What leaves the page: tables as CSV, Markdown and LaTeX read back, and the data that the page packs."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
 import numpy as np
 import polars as pl
@@ -20,43 +19,13 @@ from typer.testing import CliRunner
 
 from benchmarks.cli.app import app
 from benchmarks.records import RunFolder
-from benchmarks.report import budgets, timing
+from benchmarks.report import boards, budgets, tables, timing
 from benchmarks.report.base import Run, Winner
-from benchmarks.report.boards import (
-    Board,
-    Control,
-    Sample,
-    add,
-    band,
-    entry,
-    figure,
-    fraction_plot,
-    fractions,
-    heatmap,
-    lean,
-    line,
-    log_axis,
-    packed,
-    variable,
-)
-from benchmarks.report.formats import draw
+from benchmarks.report.boards import Board, Control, Sample, add, figure, fractions, lean, line, log_axis, packed
 from benchmarks.report.page import MethodRanking, rank_methods, render, winners_table, won
-from benchmarks.report.tables import (
-    Column,
-    ShownCell,
-    Table,
-    csv_of,
-    escaped,
-    listed,
-    markdown_of,
-    shown_cell,
-    shown_rows,
-    tex_of,
-    written,
-)
+from benchmarks.report.tables import Column, ShownCell, Table, markdown_of, shown_cell, shown_rows, tex_of, written
 from benchmarks.statistics import holm, mcnemar_p, percentage, signed_rank
-from optik.errors import InvalidInput, MissingDependency
-from tests.outside import hide
+from optik.errors import InvalidInput
 
 EVIL = "a|b <script>& 50 % _x_ $y$ #1 {z} ~^\\"
 COLUMNS = (
@@ -154,7 +123,7 @@ def test_verdicts_have_a_look_and_values_the_digits_of_their_measure() -> None:
 
 
 def test_csv_has_the_exact_values() -> None:
-    found = pl.read_csv(io.StringIO(csv_of(TABLE)))
+    found = pl.read_csv(io.StringIO(tables.csv_of(TABLE)))
     assert found.columns == [
         "label", "solved [%]", "solved low [%]", "solved high [%]", "us [µs]", "us low [µs]", "us high [µs]", "count",
         "error [mm]", "rest",
@@ -204,7 +173,7 @@ def test_latex_is_whole_and_has_no_bare_special_character() -> None:
     for row in body:
         bare = re.sub(r"\\[%#_&${}]|\$[^$]*\$|\\\\$", "", row)
         assert not set("%#_$|<>~^λµ−") & set(bare), bare
-    assert escaped("1.23·10⁻⁷ ≤ λ s̈") == r"1.23$\cdot 10^{-7}$ $\le$ $\lambda$ $\ddot s$"
+    assert tables.escaped("1.23·10⁻⁷ ≤ λ s̈") == r"1.23$\cdot 10^{-7}$ $\le$ $\lambda$ $\ddot s$"
 
 
 @pytest.mark.parametrize("copies", [1, 2, 5])
@@ -239,25 +208,6 @@ def board() -> Board:
     return Board("odd", (plot,), (Control.of("k", "K", ("a", "b")),), "A caption.")
 
 
-def test_a_figure_is_what_the_page_shows_first_and_the_same_every_time() -> None:
-    text = draw(board().at_first()).decode()
-    assert draw(board().at_first()).decode() == text
-    ElementTree.fromstring(text)
-    assert "#d55e00" in text
-    assert "#123456" not in text
-    assert "&lt;b&gt; $x$" in text
-
-
-def test_on_paper_each_problem_set_has_its_figure_and_every_choice_is_said() -> None:
-    first, second = board().each("k")
-    assert first.id == "odd-a" and "K: a." in first.chosen
-    assert second.id == "odd-b" and "K: b." in second.chosen
-    assert b"#d55e00" in draw(first.at_first())
-    assert b"#123456" in draw(second.at_first())
-    assert [one.id for one in board().each("another")] == ["odd"]
-    assert Board("one", (), (Control.of("k", "K", ("a",)),)).chosen == ""
-
-
 def test_nothing_is_drawn_below_what_is_a_result() -> None:
     (plot,) = board().figures
     assert plot.data[0].y.tolist() == [1.0, 1e-6, 1e-9]
@@ -268,7 +218,7 @@ def test_nothing_is_drawn_below_what_is_a_result() -> None:
 def test_packed_figures_are_what_they_were() -> None:
     values = np.array([[0.12345, np.nan], [3.0, 1e-20]])
     plot = figure("p", "A title", "x")
-    add(plot, heatmap(z=np.log10(values), customdata=values, meta={"log10": True}), {"k": ["<b>"]})
+    add(plot, boards.heatmap(z=np.log10(values), customdata=values, meta={"log10": True}), {"k": ["<b>"]})
     add(plot, line([1.0, None], ["<b>", "c"], name="<b>"), at={"k": ["d"]}, look={"name": "d"})
     text = packed(Board("odd", (plot,)), ["<b>"])
     (found,) = json.loads(gzip.decompress(base64.b64decode(text)))
@@ -286,15 +236,6 @@ def test_rounded_numbers_have_no_digits_beyond_those_asked_for() -> None:
     assert found[:4].tolist() == [0.1235, 123500.0, -1e-6, 0.0] and np.isnan(found[4:6]).all() and found[6] == 1.0
     many = np.exp(np.random.default_rng(0).uniform(-40, 40, 2000))
     assert lean(many).tolist() == [float(f"{v:.4g}") for v in many]
-
-
-def test_on_paper_the_legend_has_lines_and_areas() -> None:
-    plot = figure("p", "A title", shapes=[band(0.5, 1.0, "beyond")])
-    add(plot, line([0, 1], [0, 1], name="law", line={"color": "#123456"}))
-    add(plot, entry("median", "#654321", "dot"))
-    text = draw([plot]).decode()
-    assert all(f">{name}<" in text for name in ("beyond", "law", "median"))
-    assert draw([plot], "pdf").startswith(b"%PDF") and draw([plot], "pdf") == draw([plot], "pdf")
 
 
 # ------------------------------------------------------------ from the command line
@@ -333,7 +274,7 @@ def test_tables_are_written_into_the_run(failing: RunFolder) -> None:
     assert "few ask" in (failing.path / "tables/odd.tex").read_text() and "problems" not in done.stdout
     assert not (failing.path / "tables/winners.tex").exists(), "tables of other columns do not stay beside the new ones"
     plain = ["bench", "report", str(failing.path), "--columns"]
-    for wrong in (["us, x", "--format", "tex"], ["us"], ["us", "--format", "pdf"]):
+    for wrong in (["us, x", "--format", "tex"], ["us"]):
         assert isinstance(CliRunner().invoke(app, [*plain, *wrong]).exception, InvalidInput)
     winners = pl.read_csv(failing.path / "tables/winners.csv").row(0, named=True)
     assert (winners["best"], winners["value"], winners["tied"], winners["second"]) == ("a", 90.0, "b", "c")
@@ -345,21 +286,10 @@ def test_tables_are_written_into_the_run(failing: RunFolder) -> None:
         assert crashes[1] == ("corrected <b>, x", titles["damping"], 2, "it hung", 1)
 
 
-def test_figures_are_written_into_the_run(failing: RunFolder) -> None:
-    done = CliRunner().invoke(app, ["bench", "report", str(failing.path), "--format", "pdf", "--json"])
-    assert done.exit_code == 0, done.output
-    figures = [Path(file) for file in json.loads(done.stdout)["files"]]
-    assert len(figures) > 3 and all(file.read_bytes().startswith(b"%PDF") for file in figures)
-
-
-def test_the_report_in_markdown_has_figures_tables_and_failures(failing: RunFolder) -> None:
+def test_the_report_in_markdown_has_tables_and_failures(failing: RunFolder) -> None:
     done = CliRunner().invoke(app, ["bench", "report", str(failing.path), "--format", "md", "--json"])
     assert done.exit_code == 0, done.output
     text = (failing.path / "report.md").read_text(encoding="utf-8")
-    figures = re.findall(r"\]\((report-figures/[^)]+)\)", text)
-    assert len(figures) == len(set(figures)) > 3
-    for file in figures:
-        ElementTree.parse(failing.path / file)
     assert text.count("A title &amp; more") == 1
     assert text.index("## Methods") < text.index("Methods: failures") < text.index("SIGSEGV")
     assert "Failures or crashes: “corrected &lt;b&gt;, x”." in text
@@ -384,12 +314,12 @@ def test_a_distribution_is_drawn_from_every_value_and_exact_at_its_ends() -> Non
         Sample("none", [math.inf], {}, {}),
         Sample("no rows", [], {}, {}),
     ]
-    (trace,) = fraction_plot("id", "title", "x", "paths", "%{y}", samples).data
+    (trace,) = boards.fraction_plot("id", "title", "x", "paths", "%{y}", samples).data
     assert (trace.name, trace.meta) == ("some", {"when": {"group": ["a"]}})
 
 
 def test_a_name_with_a_comma_is_told_from_two_names() -> None:
-    assert listed(["lm", "lm, one attempt"]) == "lm, “lm, one attempt”"
+    assert tables.listed(["lm", "lm, one attempt"]) == "lm, “lm, one attempt”"
     found = rank_methods({"a, b": 3, "c": 100, "d": 60})
     assert found.labels == ("c", "d") and found.left_out.endswith(": “a, b” (3)")
     assert rank_methods({"a": 3, "c": 100}) == MethodRanking(("a", "c"), "")  # one alone wins nothing
@@ -451,17 +381,8 @@ def test_the_first_screen_names_ties_and_the_next_best(small_run: RunFolder, mon
     assert found.remark == "no significant difference"
     assert found.second.label == "c"
     page = render(Run(small_run))
-    assert (
-        f'<td class="best"><span class="tied"><i class="dot" style="--k:{variable(Run(small_run).colour("ipopt"))}"></i>ipopt'
-        in page
-    )
+    dot = f'<i class="dot" style="--k:{boards.variable(Run(small_run).colour("ipopt"))}"></i>'
+    assert f'<td class="best"><span class="tied">{dot}ipopt' in page
     monkeypatch.setattr(budgets, "REPORT", replace(budgets.REPORT, winners=lambda run: exact))
     found = won(Run(small_run))[0]
     assert (found.best.value, found.second.value) == ("0.6032 s", "0.6033 s")
-
-
-def test_without_matplotlib_one_line_names_the_extra(copied: RunFolder, monkeypatch: pytest.MonkeyPatch) -> None:
-    hide(monkeypatch, "matplotlib")
-    with pytest.raises(MissingDependency, match=r"optik-toolkit\[figures\]"):
-        draw(board().at_first())
-    assert not (copied.path / "report.md").exists()

@@ -12,22 +12,11 @@ import polars as pl
 import pytest
 from scipy.stats import binomtest
 
+from benchmarks import statistics
 from benchmarks.blocks.budgets import succeeded, success
 from benchmarks.blocks.entries import shared
 from benchmarks.report.budgets import METHOD_COLUMNS
-from benchmarks.statistics import (
-    binned,
-    holm,
-    mcnemar,
-    median_interval,
-    not_longer,
-    not_told_apart,
-    quantiles,
-    ratio_interval,
-    shifted_geometric_mean,
-    signed_rank,
-    wilson,
-)
+from benchmarks.statistics import median_interval, quantiles, ratio_interval, shifted_geometric_mean, signed_rank
 from tests.seeds import shift_seed
 
 
@@ -35,11 +24,11 @@ from tests.seeds import shift_seed
 def test_wilson_is_scipys(k: int, n: int) -> None:
     for confidence in (0.95, 0.99):
         expected = binomtest(k, n).proportion_ci(confidence, method="wilson")
-        assert wilson(k, n, confidence) == pytest.approx((expected.low, expected.high), abs=1e-12)
+        assert statistics.wilson(k, n, confidence) == pytest.approx((expected.low, expected.high), abs=1e-12)
 
 
 def test_wilson_of_nothing_is_undefined() -> None:
-    assert all(math.isnan(x) for x in wilson(0, 0))
+    assert all(math.isnan(x) for x in statistics.wilson(0, 0))
 
 
 def test_quantiles_interpolate_between_order_statistics() -> None:
@@ -50,7 +39,7 @@ def test_quantiles_interpolate_between_order_statistics() -> None:
 def test_binned_quantiles_are_those_of_each_bin() -> None:
     rng = np.random.default_rng(5)
     x, y = rng.uniform(0.0, 500.0, 400), rng.lognormal(size=400)
-    table = binned(pl.DataFrame({"x": x, "y": y}), "x", "y", width=50.0, least=10)
+    table = statistics.binned(pl.DataFrame({"x": x, "y": y}), "x", "y", width=50.0, least=10)
     assert table["count"].sum() == 400
     for row in table.iter_rows(named=True):
         inside = y[np.abs(x - row["middle"]) <= 25.0]
@@ -60,7 +49,7 @@ def test_binned_quantiles_are_those_of_each_bin() -> None:
 
 def test_bins_with_few_rows_are_left_out() -> None:
     rows = pl.DataFrame({"x": [1.0] * 10 + [11.0] * 9, "y": [1.0] * 19})
-    assert binned(rows, "x", "y", width=10.0, least=10)["middle"].to_list() == [5.0]
+    assert statistics.binned(rows, "x", "y", width=10.0, least=10)["middle"].to_list() == [5.0]
 
 
 def test_a_shifted_geometric_mean_is_the_root_of_a_product() -> None:
@@ -73,7 +62,7 @@ def test_a_shifted_geometric_mean_is_the_root_of_a_product() -> None:
 def test_mcnemar_is_the_sum_of_binomial_terms_no_more_likely(only_a: int, only_b: int) -> None:
     a = [True] * 5 + [True] * only_a + [False] * only_b + [False] * 4
     b = [True] * 5 + [False] * only_a + [True] * only_b + [False] * 4
-    found = mcnemar(a, b)
+    found = statistics.mcnemar(a, b)
     assert (found.both, found.first, found.second, found.neither) == (5, only_a, only_b, 4)
     n = only_a + only_b
     terms = [math.comb(n, k) for k in range(n + 1)]
@@ -84,7 +73,7 @@ def test_mcnemar_of_a_published_example() -> None:
     # Agresti, Categorical Data Analysis (1990), table 10.1: approval ratings 794, 150, 86, 570
     a = np.repeat([True, True, False, False], [794, 150, 86, 570])
     b = np.repeat([True, False, True, False], [794, 150, 86, 570])
-    assert mcnemar(a, b).p == pytest.approx(3.7e-5, rel=0.1)
+    assert statistics.mcnemar(a, b).p == pytest.approx(3.7e-5, rel=0.1)
 
 
 def signs_counted(differences: Sequence[float]) -> float:
@@ -110,16 +99,20 @@ def test_ties_of_the_best_are_decided_problem_by_problem_where_intervals_overlap
         "nested": np.arange(100) < 84,  # 8 against 0: p = 0.008, although the Wilson intervals overlap
         "crossed": (np.arange(100) >= 10) & (np.arange(100) < 98),  # 10 against 6
     }
-    p_values = {label: mcnemar(solved["best"], x).p for label, x in solved.items() if label != "best"}
-    assert not_told_apart("best", p_values) == ("best", "crossed")
+    p_values = {label: statistics.mcnemar(solved["best"], x).p for label, x in solved.items() if label != "best"}
+    assert statistics.not_told_apart("best", p_values) == ("best", "crossed")
 
 
 def test_ties_of_the_shortest_are_decided_in_pairs() -> None:
     base = np.geomspace(1.0, 100.0, 20)
     wobble = np.where(np.arange(20) % 2, 1.1, 0.9)
     times = {"same": base * wobble, "best": base, "longer": 1.01 * base, "fails": np.where(base > 2, np.inf, base)}
-    assert not_longer("best", times) == ("best", "same")
-    assert not_longer("longer", times) == ("longer", "same", "best")  # what is shorter is not shown to be longer
+    assert statistics.not_longer("best", times) == ("best", "same")
+    assert statistics.not_longer("longer", times) == (
+        "longer",
+        "same",
+        "best",
+    )  # what is shorter is not shown to be longer
     assert signed_rank(times["fails"], times["fails"]) == 1.0
 
 
@@ -133,9 +126,9 @@ def test_holm_is_the_closed_test_of_bonferroni() -> None:
     p = rng.uniform(0.0, 0.3, 5)
     sets = [c for k in range(1, 6) for c in itertools.combinations(range(5), k)]
     closed = [max(min(1.0, len(c) * min(p[j] for j in c)) for c in sets if i in c) for i in range(5)]
-    assert holm(list(p)) == pytest.approx(closed)
-    with_nan = holm([p[0], float("nan"), p[1]])
-    assert with_nan[::2] == pytest.approx(holm([p[0], p[1]]))
+    assert statistics.holm(list(p)) == pytest.approx(closed)
+    with_nan = statistics.holm([p[0], float("nan"), p[1]])
+    assert with_nan[::2] == pytest.approx(statistics.holm([p[0], p[1]]))
     assert math.isnan(with_nan[1])
 
 

@@ -54,10 +54,7 @@ QUICK: dict[str, Any] = {
             ],
             "limits": [{"label": "ours", "velocity": 2.0, "acceleration": 10.0, "jerk": 100.0}],
             "laws": [{"law": "quintic"}, {"law": "toppra"}, {"law": "optimal"}],
-            "peers": [
-                {"peer": "copp", "label": "copp"},
-                {"peer": "toppra_spline", "label": "splines", "max_lines": 1},
-            ],
+            "peers": [{"peer": "copp", "label": "copp"}, {"peer": "toppra_spline", "label": "splines", "max_lines": 1}],
             "reference": {"law": "optimal", "label": "reference", "options": {"intervals": 300}},
             "plan": "optimal",
             "samples": 51,
@@ -313,11 +310,7 @@ def test_a_time_that_was_measured_elsewhere_is_the_time_of_the_call(monkeypatch:
 
     monkeypatch.setattr("benchmarks.blocks.contest.load_method", lambda *a: Elsewhere)
     settings = copy.deepcopy(QUICK)
-    settings["timing"][0] |= {
-        "laws": [{"law": "quintic"}],
-        "peers": [{"peer": "copp"}],
-        "plan": "quintic",
-    }
+    settings["timing"][0] |= {"laws": [{"law": "quintic"}], "peers": [{"peer": "copp"}], "plan": "quintic"}
     for key in ("reference", "targets"):
         settings["timing"][0].pop(key)
     line = draw_motion("paper6r", "regular", 0, seed=4)

@@ -51,10 +51,7 @@ def shown() -> Show:
                   [([0.0, 0.65, 0.0], [0.0, -1.0, 0.0])], [([0.5, -0.5, 0.1], [0.6, -0.5, 0.1], 0.04)],
                   [np.array([0.3, -0.6, 0.1]) + 0.1 * np.eye(4, 3)])  # fmt: skip
     return replace(
-        show,
-        executed=Track(late, q + 0.01, dq),
-        beam=Beam(np.array([-0.4, -0.2, 0.1]), show.path[-1]),
-        scene=scene,
+        show, executed=Track(late, q + 0.01, dq), beam=Beam(np.array([-0.4, -0.2, 0.1]), show.path[-1]), scene=scene
     )
 
 

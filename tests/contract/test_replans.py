@@ -13,22 +13,10 @@ import numpy as np
 import pytest
 
 import optik
+import planners
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners import (
-    Arc,
-    JointLine,
-    Line,
-    MotionLimits,
-    Plan,
-    Polyline,
-    Trajectory,
-    certify,
-    load_motion,
-    make_law,
-    plan,
-    replan,
-)
+from planners import Arc, JointLine, MotionLimits, Plan, Trajectory, certify, load_motion, make_law, plan, replan
 from planners.following.joint_path import JointPath
 from planners.timing.base import PathState, StopKind
 from planners.timing.optimal import Optimal
@@ -362,7 +350,7 @@ def test_a_stop_within_a_polyline_is_early_and_looks_at_its_own_part() -> None:
     for _ in range(29):
         poses.append(poses[-1].copy())
         poses[-1][:3, 3] += 0.01 * np.array([0.5, 0.0, 1.0]) + 0.004 * rng.uniform(-1.0, 1.0, 3)
-    made = plan(robot, Polyline(np.array(poses), blend=0.001), START, limits=LIMITS)
+    made = plan(robot, planners.Polyline(np.array(poses), blend=0.001), START, limits=LIMITS)
     for t in rng.uniform(0.1, 0.9, 8) * made.trajectory.end:
         stop = replan(made, float(t), stop=True, time_limit=0.0)
         assert stop.stop_kind is StopKind.SWEEP
@@ -443,7 +431,7 @@ def seam(law: Any, *way: float, turn: float = 0.0, limits: MotionLimits = SEAM_L
     arm = optik.load("ur5e")
     begin = arm.fk(SEAM_START)
     end = oracles.moved(begin, np.array(way), begin[:3, 2] * turn)
-    return plan(arm, Line(begin, end), SEAM_START, limits=limits, timing=law)
+    return plan(arm, planners.Line(begin, end), SEAM_START, limits=limits, timing=law)
 
 
 @pytest.mark.parametrize(

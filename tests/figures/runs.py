@@ -200,12 +200,7 @@ def deadly() -> Row:
     whole, times = undisturbed(without)
     names = {name.rpartition(":")[2] for name in times}
     unequal, crashed, others = [], {}, 0
-    for kind, block in (
-        ("budgets", "budgets"),
-        ("calls", "warm"),
-        ("calls", "hard"),
-        ("timing", "lines"),
-    ):
+    for kind, block in (("budgets", "budgets"), ("calls", "warm"), ("calls", "hard"), ("timing", "lines")):
         pair = [RunFolder(run).rows(kind, block) for run in (whole, out)]
         assert pair[0] is not None and pair[1] is not None
         mine = pl.col("method") == "deadly"

@@ -15,12 +15,8 @@ APART = {
 }  # fmt: skip
 """Names that stood in sight of each other with two meanings."""
 SHARED = {
-    "the sections of a kind of block in the report, each in the file of its kind": {
-        "limitations",
-        "tables",
-        "winners",
-    },
-    "the work of a block's worker, and its drawing": {"draw", "solve"},
+    "the sections of a kind of block in the report, each in the file of its kind": {"limitations", "tables", "winners"},
+    "the work of a block's worker": {"solve"},
     "the start of a process": {"main"},
     "of parts of a link, not of objects in a scene or of a program": {"Hull", "Part", "find_hull"},
 }

@@ -10,18 +10,8 @@ from pathlib import Path
 import pytest
 
 import optik
-from optik import registry
-from optik.errors import (
-    InvalidInput,
-    InvalidMotion,
-    MissingDependency,
-    NoSolution,
-    OptikError,
-    OutputError,
-    RobotModelError,
-    UnknownName,
-    Unsupported,
-)
+from optik import errors, registry
+from optik.errors import InvalidInput, MissingDependency, OptikError, RobotModelError, UnknownName, Unsupported
 from tests.mutants.listed import EQUIVALENT, LISTED
 from tests.oracles import REPOSITORY
 
@@ -78,10 +68,7 @@ def test_a_solve_by_dls_loads_no_casadi_and_by_ipopt_does():
 
 
 # ---------------------------------------------------------------- names
-FOLDERS = {
-    "optik.ik": {"dls", "ipopt"},
-    "optik.robots": {"paper6r", "puma560", "ur5e"},
-}
+FOLDERS = {"optik.ik": {"dls", "ipopt"}, "optik.robots": {"paper6r", "puma560", "ur5e"}}
 
 
 @pytest.mark.parametrize(("folder", "expected"), FOLDERS.items(), ids=FOLDERS.keys())
@@ -214,9 +201,9 @@ ERRORS = [
     RobotModelError("arm", "no joints"),
     UnknownName("robot", "pume", ("puma560", "ur5e")),
     MissingDependency("ssik", "IK method 'closed'", "dev"),
-    InvalidMotion("contact of link3 and box", ("contact",), s=0.1, advice="another path"),
-    NoSolution("joint 2 at its limit", s=0.1, joint="joint2", advice="a shorter line"),
-    OutputError("run", "contains something else"),
+    errors.InvalidMotion("contact of link3 and box", ("contact",), s=0.1, advice="another path"),
+    errors.NoSolution("joint 2 at its limit", s=0.1, joint="joint2", advice="a shorter line"),
+    errors.OutputError("run", "contains something else"),
 ]
 BUILT_IN = [ValueError, ValueError, ValueError, LookupError, ImportError, RuntimeError, RuntimeError, OSError]
 

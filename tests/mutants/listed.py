@@ -67,11 +67,7 @@ RECORDS = "tests/planners/test_limit_records.py"
 COUPLED = "tests/planners/test_coupled_motors.py"
 SIDES = "tests/planners/test_limit_sides.py"
 SEGMENTS = "tests/planners/test_segment_speeds.py"
-FILES = (
-    "tests/contract/test_file_formats.py",
-    "tests/planners/test_export.py",
-    "tests/planners/test_export_ros.py",
-)
+FILES = ("tests/contract/test_file_formats.py", "tests/planners/test_export.py", "tests/planners/test_export_ros.py")
 DRIVE = ("tests/planners/test_drive.py",)
 LAWS = ("tests/planners/test_optimal.py", "tests/planners/test_laws.py", "tests/contract/test_time_laws.py")
 
@@ -345,27 +341,11 @@ LISTED: tuple[tuple[str, str, str], ...] = (
     ("planners/choice/rows.py", "- moved[last, m] - step", "- moved[last, m] + step"),
     ("planners/choice/rows.py", "(ahead[i] if kind == SELF else 0.0)", "0.0"),
     ("optik/scene/contact.py", "if bound > 0.0 and bound - DISTANCE", "if bound - DISTANCE"),
-    (
-        "planners/choice/choose.py",
-        "path.counts_itself and path.spline.count > most",
-        "path.spline.count > 10 * most",
-    ),
-    (
-        "planners/choice/rows.py",
-        "(np.maximum(x, 0.0) + ROOM_BEND) ** 2",
-        "(np.maximum(x, 0.0) + ROOM_BEND)",
-    ),
+    ("planners/choice/choose.py", "path.counts_itself and path.spline.count > most", "path.spline.count > 10 * most"),
+    ("planners/choice/rows.py", "(np.maximum(x, 0.0) + ROOM_BEND) ** 2", "(np.maximum(x, 0.0) + ROOM_BEND)"),
     ("planners/choice/ways.py", "chosen = np.isfinite(self.table)", "chosen = np.isnan(self.table)"),
-    (
-        "planners/choice/rows.py",
-        "return not bool((room < self._required[k, self._column[pair]]).any())",
-        "return True",
-    ),
-    (
-        "planners/choice/ways.py",
-        "missing, rows = PUSH_ROOM - rooms",
-        "missing, rows = rooms - PUSH_ROOM",
-    ),
+    ("planners/choice/rows.py", "return not bool((room < self._required[k, self._column[pair]]).any())", "return True"),
+    ("planners/choice/ways.py", "missing, rows = PUSH_ROOM - rooms", "missing, rows = rooms - PUSH_ROOM"),
     ("planners/search/find.py", "(np.abs(x - near[i]) <= FARTHEST_WINDING)", "(x >= near[i])"),
     ("planners/paths/point_to_point.py", "via._replace(s=float(x), q=q)", "via._replace(s=float(x))"),
     ("planners/following/branches.py", "float(clearance_costs(room).max())", "0.0"),
@@ -377,11 +357,7 @@ LISTED: tuple[tuple[str, str, str], ...] = (
     ("planners/certificate/path_error.py", "max(abs(v0), abs(v1)) + j * h * h / 8.0", "max(abs(v0), abs(v1))"),
     ("planners/certificate/path_error.py", "3.0 * b2 * v * a", "b2 * v * a"),
     ("planners/certificate/certificate.py", "RATIO_ROUNDING = 1e-12", "RATIO_ROUNDING = 1e-4"),
-    (
-        "planners/limits/kinds.py",
-        "for order in range(self.order):",
-        "for order in range(self.order - 1, self.order):",
-    ),
+    ("planners/limits/kinds.py", "for order in range(self.order):", "for order in range(self.order - 1, self.order):"),
     ("planners/limits/kinds.py", "np.maximum(*speeds)", "np.minimum(*speeds)"),
     ("optik/dynamics.py", "dp + 2.0 * c, dc, dg", "dp + c, dc, dg"),
     ("planners/timing/interior_point/rows.py", "load.coulomb * np.where(forth, 1.0, -1.0)", "load.coulomb * forth"),
@@ -412,11 +388,7 @@ LISTED: tuple[tuple[str, str, str], ...] = (
         "T[i, 0, 2] * x + T[i, 1, 2] * y + T[i, 2, 2] * z) - edges",
         "T[i, 0, 2] * x + T[i, 2, 2] * z) - edges",
     ),
-    (
-        "planners/certificate/clearance.py",
-        "smooth = smooth and continuous[k]",
-        "smooth = smooth or continuous[k]",
-    ),
+    ("planners/certificate/clearance.py", "smooth = smooth and continuous[k]", "smooth = smooth or continuous[k]"),
     ("planners/certificate/clearance.py", "smooth[1:-1] &= (", "smooth[1:-1] |= ("),
     ("optik/scene/model.py", "else scaled / length", "else direction"),
     ("planners/certificate/torque.py", "VALUE_REMAINDER = 1.0 / 384.0", "VALUE_REMAINDER = 1.0 / 768.0"),

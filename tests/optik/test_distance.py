@@ -8,17 +8,8 @@ from hypothesis import strategies as st
 from scipy.optimize import nnls
 from scipy.spatial.transform import Rotation
 
-from optik.scene.distance import (
-    DISTANCE_ROUNDING,
-    Hull,
-    NearestPoint,
-    find_hull,
-    segment_box,
-    segment_cylinder,
-    segment_mesh,
-    segment_plane,
-    segment_segment,
-)
+import optik
+from optik.scene.distance import Hull, NearestPoint, find_hull, segment_box, segment_cylinder, segment_segment
 from optik.types import Array
 from tests.planners.contacts import COAL_ERROR, along, pose
 from tests.seeds import shift_seed
@@ -166,7 +157,7 @@ def test_distances_to_slivers_are_exact_but_for_rounding_where_the_search_stalls
             a = corners[rng.integers(8)] + rng.normal(size=3) * 10.0 ** rng.uniform(-7.0, -3.0)
             b = a + rng.normal(size=3) * 10.0 ** rng.uniform(-3.0, 0.5)
             exact = segment_box(triple(a), triple(b), T, half)[0]
-            assert exact - 1e-8 <= to_mesh(a, b, mesh)[0] <= exact + DISTANCE_ROUNDING
+            assert exact - 1e-8 <= to_mesh(a, b, mesh)[0] <= exact + optik.scene.distance.DISTANCE_ROUNDING
 
 
 @pytest.mark.parametrize("kind", ["box", "cylinder"])
@@ -241,7 +232,7 @@ def hull(rng: np.random.Generator, k: int) -> Hull:
 
 
 def to_mesh(a: Array, b: Array, mesh: Hull) -> NearestPoint:
-    return segment_mesh(triple(a), triple(b), *mesh[:3])
+    return optik.scene.distance.segment_mesh(triple(a), triple(b), *mesh[:3])
 
 
 def test_distances_to_meshes_are_those_of_a_convex_programme() -> None:
@@ -339,7 +330,7 @@ def test_a_plane_counts_below_zero_behind_it() -> None:
     normal = np.array([0.0, 0.6, 0.8])
     point = np.array([5.0, 0.0, 1.0])
     for a, b in np.random.default_rng(2).uniform(-2.0, 2.0, (50, 2, 3)):
-        distance, share, w = segment_plane(triple(a), triple(b), point, normal)
+        distance, share, w = optik.scene.distance.segment_plane(triple(a), triple(b), point, normal)
         ends = (np.array([a, b]) - point) @ normal
         assert distance == pytest.approx(ends.min(), rel=0, abs=EXACT)
         assert share == ends.argmin()

@@ -16,17 +16,8 @@ from scipy.spatial.transform import Rotation
 import optik
 import planners
 from optik import se3
-from optik.arm.shapes.enclosure import (
-    SPACING,
-    Capsule,
-    bound_excess,
-    box_triangles,
-    enclose_cylinder,
-    enclose_mesh,
-    fit_capsule,
-    sample_points,
-    split_mesh,
-)
+from optik.arm.shapes import enclosure
+from optik.arm.shapes.enclosure import SPACING, Capsule, bound_excess, box_triangles, enclose_mesh, sample_points
 from optik.arm.shapes.urdf import MeshFolders, read_mesh
 from optik.errors import InvalidInput, RobotModelError, UnreadShapeWarning
 from tests.oracles.shapes import distances
@@ -327,7 +318,7 @@ def test_a_capsule_is_its_own_enclosure(seed):
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = Rotation.random(random_state=rng).as_matrix(), rng.uniform(-1.0, 1.0, 3)
     solid.apply_transform(T)
-    found = fit_capsule(np.array(solid.triangles))
+    found = enclosure.fit_capsule(np.array(solid.triangles))
     assert found.radius == pytest.approx(radius, rel=0.01)
     assert np.linalg.norm(found.b - found.a) == pytest.approx(length, abs=0.02 * length)
     assert 0.5 * (found.a + found.b) == pytest.approx(solid.bounds.mean(axis=0), abs=0.01)
@@ -339,7 +330,7 @@ def test_cutting_keeps_the_surface():
     for _ in range(5):
         normal = RNG.normal(size=3)
         offset = float(RNG.normal() * 0.5)
-        below, above = split_mesh(triangles, normal, offset)
+        below, above = enclosure.split_mesh(triangles, normal, offset)
         assert abs(trimesh.triangles.area(below).sum() + trimesh.triangles.area(above).sum() - area) <= 1e-9 * area
         assert (below @ normal).max() <= offset + 1e-9
         assert (above @ normal).min() >= offset - 1e-9
@@ -347,7 +338,7 @@ def test_cutting_keeps_the_surface():
 
 @pytest.mark.parametrize(("radius", "length"), [(0.05, 0.4), (0.1, 0.02), (0.03, 0.06)])
 def test_a_cylinder_is_inside_its_capsule(radius, length):
-    c = enclose_cylinder(radius, length)
+    c = enclosure.enclose_cylinder(radius, length)
     turn = RNG.uniform(0.0, 2.0 * np.pi, 200)
     rims = np.stack((radius * np.cos(turn), radius * np.sin(turn), np.where(turn > 3.0, 0.5, -0.5) * length), axis=1)
     assert distances(rims, c.a, c.b, c.radius).max() <= 0.0

@@ -15,18 +15,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import optik
-from optik import DHRow, JointLimits, Robot
+from optik import DHRow, JointLimits, Robot, errors
 from optik.arm.urdf_writer import roll_pitch_yaw
-from optik.errors import (
-    DegreesWarning,
-    InvalidInput,
-    MovingMountWarning,
-    OptikError,
-    OutputError,
-    RobotModelError,
-    RobotModelWarning,
-    UnreadShapeWarning,
-)
+from optik.errors import DegreesWarning, InvalidInput, OptikError, RobotModelError, RobotModelWarning
 from tests import oracles
 from tests.robots import BOUNDED
 
@@ -144,7 +135,7 @@ def test_a_part_of_the_tree_is_an_arm_too():
     assert (whole.name, whole.gravity.tolist()) == ("mine", [0, 1, 0])
     upper = Robot.from_urdf(PLAIN, tip="camera")
     assert upper.joint_names == ("shoulder",)
-    with pytest.warns(MovingMountWarning, match="'upper'"):  # gravity is that of the shoulder's zero position
+    with pytest.warns(errors.MovingMountWarning, match="'upper'"):  # gravity is that of the shoulder's zero position
         lower = Robot.from_urdf(PLAIN, base="upper", tip="tool0")
     assert lower.joint_names == ("slide",)
     assert np.abs(upper.fk([0.7]) @ lower.fk([0.2]) - whole.fk([0.7, 0.2])).max() < 1e-15
@@ -302,7 +293,7 @@ def test_to_urdf_returns_what_it_writes(tmp_path):
     assert (tmp_path / "scara.urdf").read_text() == text == robot.to_urdf()
     assert 'effort="0" velocity="1.02"' in text
     assert [f.name for f in tmp_path.iterdir()] == ["scara.urdf"]
-    with pytest.raises(OutputError):
+    with pytest.raises(errors.OutputError):
         robot.to_urdf(tmp_path / "missing" / "scara.urdf")
 
 
@@ -516,7 +507,7 @@ def test_shapes_without_bound_are_not_read_and_named(tmp_path, geometry):
     file = tmp_path / "arm.urdf"
     rest = f'<link name="end"><collision><geometry>{geometry}</geometry></collision></link>'
     file.write_text(arm(joint(0), joint(1, child="end"), links=2, rest=rest))
-    with pytest.warns(UnreadShapeWarning, match="link 'end'") as caught:
+    with pytest.warns(errors.UnreadShapeWarning, match="link 'end'") as caught:
         assert Robot.from_urdf(file, shapes=True).shapes.m == 0
     assert len(str(caught[0].message)) < 2100
 

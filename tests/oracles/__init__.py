@@ -34,19 +34,7 @@ from tests.oracles.paper_iteration import Iteration, damped_least_squares
 from tests.oracles.paths import derivatives_along, line_pose, nearest, off_line, pose_series, rotation_derivatives
 from tests.oracles.pinocchio import Pinocchio, PinocchioDynamics, urdf
 from tests.oracles.plans import contradictions, joint_extremes, tool_speeds
-from tests.oracles.poses import (
-    crossing,
-    error,
-    moved,
-    off_by,
-    pose,
-    random_pose,
-    rot_x,
-    rot_z,
-    task_off_by,
-    trans,
-    vee,
-)
+from tests.oracles.poses import crossing, error, moved, off_by, pose, random_pose, rot_x, rot_z, task_off_by, trans, vee
 
 __all__ = [
     "PAPER", "REPOSITORY", "SLIDING", "UR5E", "Arm", "Continuation", "Iteration", "Joints", "Pinocchio",
@@ -54,6 +42,6 @@ __all__ = [
     "crossing", "damped_least_squares", "derivatives_along", "difference", "double_s", "error", "fk", "fk_series",
     "follow_densely", "jacobian", "joint_extremes", "line_pose", "link", "met", "moved", "nearest", "newton",
     "off_by", "off_line", "piece_values", "pose", "pose_series", "random_arm", "random_pose", "rot_x", "rot_z",
-    "rotation_derivatives", "s_curve", "smallest", "span", "speeds", "table", "task_off_by", "tool_motion", "tool_speeds",
-    "trans", "turning_series", "urdf", "value", "vee",
+    "rotation_derivatives", "s_curve", "smallest", "span", "speeds", "table", "task_off_by", "tool_motion",
+    "tool_speeds", "trans", "turning_series", "urdf", "value", "vee",
 ]  # fmt: skip

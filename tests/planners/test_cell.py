@@ -9,18 +9,7 @@ import optik
 import planners
 from optik import se3
 from optik.errors import InvalidInput
-from planners.cell import (
-    Cell,
-    CellStatus,
-    Gripper,
-    HeldObject,
-    Outcome,
-    PanTiltLaser,
-    Plane,
-    Spot,
-    split_configurations,
-    split_errors,
-)
+from planners.cell import Cell, CellStatus, Gripper, HeldObject, Outcome, PanTiltLaser, Plane, Spot, split_errors
 from planners.cell.drives import make_drive
 from tests import oracles
 from tests.planners.faulty import FaultyIdeal, LostEncoder, Stall
@@ -275,7 +264,7 @@ def test_the_split_adds_up_exactly_and_has_its_definition() -> None:
     assert np.array_equal(split.ik, answer - target) and np.array_equal(split.servo, executed - planned)
     assert np.array_equal(split.at(7).path, (planned - answer)[7])
     q = [START, START + 1e-3, START - 1e-3]
-    by_q = split_configurations(ARM, SPOT, SPOT + 1e-3, *q)
+    by_q = planners.cell.split_configurations(ARM, SPOT, SPOT + 1e-3, *q)
     a, b, c = (oracles.fk(oracles.PAPER, each)[:3, 3] for each in q)
     assert np.abs(by_q.ik - (a - SPOT - 1e-3)).max() < 1e-12 and np.abs(by_q.path - (b - a)).max() < 1e-12
     assert np.abs(by_q.servo - (c - b)).max() < 1e-12

@@ -11,18 +11,7 @@ from scipy.interpolate import CubicSpline, PPoly
 from optik import JointLimits, Robot
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners import (
-    Certificate,
-    JointLine,
-    Line,
-    MotionLimits,
-    Part,
-    Program,
-    Trajectory,
-    certify,
-    make_law,
-    plan,
-)  # fmt: skip
+from planners import Certificate, JointLine, Line, MotionLimits, Part, Program, Trajectory, certify, make_law, plan
 from planners.certificate.certificate import describe_limiting
 from planners.limits import DERIVATIVES
 from planners.paths.base import Path

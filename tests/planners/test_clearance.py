@@ -20,18 +20,8 @@ from optik.types import Array
 from planners import MotionLimits, Trajectory
 from planners.certificate.clearance import Clearance, clearance
 from planners.planning import PlanStatus
-from tests.planners.contacts import (
-    COAL_ERROR,
-    REST,
-    Oracle,
-    bounds_of_one_interval,
-    drawn,
-    drawn_motion,
-    instants,
-    panda,
-    pose,
-    table,
-)
+from tests.planners import contacts
+from tests.planners.contacts import COAL_ERROR, REST, Oracle, drawn, drawn_motion, panda, pose, table
 from tests.seeds import shift_seed
 
 coal = pytest.importorskip("coal")
@@ -57,7 +47,7 @@ def check(scene: Scene, motion: Trajectory, rate: float, around: int, oracle: Or
         assert min(at.scene[0], at.own[0]) <= COAL_ERROR
         assert closest.found <= 0.0 and not np.isfinite(closest.value) and proof.find_violations()
         return proof
-    t = [instants(motion, rate)]
+    t = [contacts.instants(motion, rate)]
     t += [kind.time + np.linspace(-5e-3, 5e-3, around) for kind in (proof.scene, proof.own)]
     near = oracle.near(motion(np.clip(np.concatenate(t), 0.0, motion.end)), *within)
     for kind, distance in ((proof.scene, near.scene), (proof.own, near.own)):
@@ -117,7 +107,7 @@ def test_bounds_of_one_wide_interval_hold_on_a_hundred_thousand_instants(kind: i
     for _ in range(3):
         whole = drawn_motion(rng, kind)
         motion = whole.stretched(1.0) if kind else quarter(whole)
-        bound = bounds_of_one_interval(panda(), motion, scene)
+        bound = contacts.bounds_of_one_interval(panda(), motion, scene)
         t = np.linspace(0.0, motion.end, 16_667)
         distance, _ = find_nearest_pairs(panda(), scene, motion(t))
         assert distance.min() >= bound.min() - 1e-9
@@ -165,7 +155,7 @@ def test_a_bound_is_below_the_distance_and_as_sharp_as_the_acceleration(case: st
     t = np.linspace(0.0, motion.end, 2001)
     kind = 1 if len(kinds) == 3 else 0
     distance = find_nearest_pairs(robot, Scene() if kind else scene, motion(t))[0]
-    bound = bounds_of_one_interval(robot, motion, scene)[kind]
+    bound = contacts.bounds_of_one_interval(robot, motion, scene)[kind]
     drop = distance[1000] - distance.min()
     assert drop > 1e-4
     assert distance.min() - 0.25 * drop <= bound <= distance.min()

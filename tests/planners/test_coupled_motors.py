@@ -10,26 +10,11 @@ import numpy as np
 import pytest
 
 import optik
+import planners
 from optik import Scene
 from optik.errors import AssumptionWarning, InvalidInput, NoSolution
 from optik.types import Array
-from planners import (
-    JointLine,
-    Line,
-    MotionLimits,
-    Plan,
-    PointToPoint,
-    certify,
-    find_path,
-    free,
-    load_motion,
-    load_trajectory,
-    plan,
-    replan,
-    retarget,
-    save,
-    to_ros,
-)
+from planners import JointLine, Line, MotionLimits, Plan, PointToPoint, certify, load_trajectory, plan, save
 from planners.files.base import from_plain, to_plain
 from planners.limits._combination import Combination
 from planners.search.rrt_connect import RRTConnect
@@ -134,13 +119,13 @@ def test_files_and_messages_have_the_makers_joints(tmp_path: Path) -> None:
     robot = found.robot
     for suffix in (".json", ".npz", ".csv"):
         save(found, tmp_path / f"a{suffix}")
-        again = load_motion(tmp_path / f"a{suffix}")
+        again = planners.load_motion(tmp_path / f"a{suffix}")
         assert again.robot == robot and (again.trajectory.coefficients == found.trajectory.coefficients).all()
     rows = [row for row in csv.reader((tmp_path / "a.csv").read_text().splitlines()) if not row[0].startswith("#")]
     assert rows[0][1:7] == [f"q_{name}" for name in NAMES]
     table = np.array(rows[1:], dtype=float)
     np.testing.assert_allclose(table[:, 1:7], robot.motors.of(found.trajectory(table[:, 0])), atol=1e-12)
-    to_ros(found, tmp_path / "a.yaml")
+    planners.to_ros(found, tmp_path / "a.yaml")
     with pytest.warns(AssumptionWarning, match="positions are those of the motors .*, with the matrix of"):
         read = load_trajectory(tmp_path / "a.yaml", robot)
     t = np.linspace(0.0, min(read.end, found.duration), 300)
@@ -173,7 +158,7 @@ def test_a_motion_of_another_matrix_is_refused(tmp_path: Path) -> None:
 
 def test_stops() -> None:
     found = planned("random")
-    stop = replan(found, 0.4 * found.duration, stop=True)
+    stop = planners.replan(found, 0.4 * found.duration, stop=True)
     assert stop and stop.certificate.worst("motor_acceleration")[0] <= 1.0
 
 
@@ -201,7 +186,9 @@ def test_searches_and_freedoms_stay_inside_the_ranges_of_the_motors(name: str) -
     ends = robot.limits.sample(rng, 16)
     for first, last in zip(ends[::2], ends[1::2], strict=True):
         try:
-            ways = find_path(robot, first, last, scene=Scene(spheres=[((0.4, 0.2, 0.3), 0.1)]), max_samples=3000)
+            ways = planners.find_path(
+                robot, first, last, scene=Scene(spheres=[((0.4, 0.2, 0.3), 0.1)]), max_samples=3000
+            )
         except NoSolution:  # an end in contact
             continue
         for way in ways.paths:
@@ -212,7 +199,7 @@ def test_searches_and_freedoms_stay_inside_the_ranges_of_the_motors(name: str) -
     goal = robot.fk(bent).copy()
     goal[:3, 3] += [0.1, 0.1, 0.05]
     limits = MotionLimits.of(robot, acceleration=10.0, jerk=100.0)
-    turned = plan(robot, free(Line(robot.fk(bent), goal), turn=True, tilt=0.2), limits=limits)
+    turned = plan(robot, planners.free(Line(robot.fk(bent), goal), turn=True, tilt=0.2), limits=limits)
     assert turned and turned.certificate.position_margin.min() >= 0.0
 
 
@@ -236,7 +223,7 @@ def test_a_new_target_keeps_the_limits_of_motors_or_names_one() -> None:
     limits = MotionLimits.of(robot, torque=None, torque_rate=None, motor_torque=None, motor_torque_rate=None)
     for at in np.linspace(0.1, 0.6, 12) * found.duration:
         goal = robot.limits.clip(found.trajectory(at) + 0.3 * rng.uniform(-1.0, 1.0, 6))
-        new = retarget(found, float(at), goal, limits=limits)
+        new = planners.retarget(found, float(at), goal, limits=limits)
         if not new:
             kept.add(new.reason)
             continue
@@ -277,7 +264,7 @@ def test_searches_that_begin_anew_stay_inside_the_ranges_of_the_motors() -> None
         balls = [(rng.uniform((-0.6, -0.6, -0.2), (0.6, 0.6, 1.0)), 0.12) for _ in range(6)]
         search = RRTConnect(max_samples=3000, restart=20)
         try:
-            ways = find_path(robot, first, last, scene=Scene(spheres=balls), search=search)
+            ways = planners.find_path(robot, first, last, scene=Scene(spheres=balls), search=search)
         except NoSolution:  # an end in contact
             continue
         found += len(ways.paths)

@@ -13,15 +13,7 @@ from scipy.interpolate import CubicHermiteSpline
 import optik
 from optik.errors import InvalidInput, NoSolution
 from planners import JointLine, MotionLimits, Plan, make_law, plan, replan
-from planners.cell import (
-    Execution,
-    ExecutionStatus,
-    FaultKind,
-    IdealDrive,
-    Moment,
-    fit_periods,
-    make_setpoints,
-)
+from planners.cell import Execution, ExecutionStatus, FaultKind, IdealDrive, Moment, fit_periods, make_setpoints
 from planners.cell.drives._run import EncoderMonitor
 from planners.following.follow import PlanFailure
 from planners.planning import PlanStatus

@@ -14,13 +14,8 @@ from optik.errors import InvalidInput
 from optik.ik import Tolerance, make_solver
 from optik.types import Array
 from planners import Line, Polyline, follow
-from planners.following.joint_path import (
-    LEAST_SPACING,
-    Course,
-    bound_fourth_derivatives,
-    make_empty_guide,
-    thin_positions,
-)
+from planners.following import joint_path
+from planners.following.joint_path import LEAST_SPACING, Course, bound_fourth_derivatives, make_empty_guide
 from tests import oracles
 from tests.planners.polylines import keeps_on
 
@@ -81,7 +76,7 @@ def test_of_two_places_that_are_too_near_the_break_stays() -> None:
     s = np.linspace(0.0, 0.1, 101)
     s = np.sort(np.append(s, 0.05001))
     kept = np.ones(len(s), np.bool_)
-    thin_positions(s, np.full(len(s) - 1, np.inf), s == 0.05001, kept)
+    joint_path.thin_positions(s, np.full(len(s) - 1, np.inf), s == 0.05001, kept)
     assert kept.sum() == 101 and kept[s == 0.05001].all()
     assert np.diff(s[kept]).min() >= LEAST_SPACING
 

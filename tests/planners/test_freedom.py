@@ -21,19 +21,7 @@ from optik.arm.library import load
 from optik.errors import InvalidInput, UnknownName
 from optik.ik import make_solver
 from optik.types import Array
-from planners import (
-    Arc,
-    JointLine,
-    Line,
-    MotionLimits,
-    PointToPoint,
-    Polyline,
-    Trajectory,
-    follow,
-    free,
-    make_law,
-    plan,
-)
+from planners import Arc, JointLine, Line, MotionLimits, PointToPoint, Polyline, follow, free, make_law, plan
 from planners.choice.choose import Choice, pick_plan
 from planners.choice.first_paths import OFFSETS, _list_turns
 from planners.choice.solve import _Box, _Iteration, solve_coefficients
@@ -602,7 +590,9 @@ def test_orientations_stay_constant_relative_to_the_base_and_to_the_tangent(held
 
 def test_of_plans_that_are_nearly_as_fast_the_one_with_the_least_travel_is_taken() -> None:
     def motion(duration: float, far: float) -> Any:
-        return SimpleNamespace(trajectory=Trajectory(PPoly(np.array([[[far / duration]], [[0.0]]]), [0.0, duration])))
+        return SimpleNamespace(
+            trajectory=planners.Trajectory(PPoly(np.array([[[far / duration]], [[0.0]]]), [0.0, duration]))
+        )
 
     plans = [motion(1.0, 2.0), motion(1.0019, 1.0), motion(1.0021, 0.5)]
     assert pick_plan(plans) is plans[1]

@@ -7,21 +7,10 @@ import numpy as np
 import pytest
 
 import optik
+import planners
 from optik import Group, JointLimits, Robot, Scene, se3
 from optik.errors import InvalidInput
-from planners import (
-    Arc,
-    Line,
-    MotionLimits,
-    certify,
-    combine,
-    free,
-    load_motion,
-    load_trajectory,
-    make_law,
-    plan,
-    to_ros,
-)
+from planners import Arc, Line, MotionLimits, certify, combine, free, load_motion, make_law, plan, to_ros
 from planners.limits import OpenContainer
 from tests.planners.chains import draw_seam
 
@@ -235,7 +224,9 @@ def test_motions_of_groups_are_stored_and_sent(tmp_path: Path) -> None:
     assert (read.trajectory.coefficients == found.view.trajectory.coefficients).all()
     assert read.certificate.extra["arm.torque"].ratio == pytest.approx(found.certificate.extra["arm.torque"].ratio)
     to_ros(found, tmp_path / "weld.yaml", controllers={"arm": "/arm_controller", "table": "/table_controller"})
-    each = {name: load_trajectory(tmp_path / f"weld.{name}.yaml", robot) for name, robot in group.members.items()}
+    each = {
+        name: planners.load_trajectory(tmp_path / f"weld.{name}.yaml", robot) for name, robot in group.members.items()
+    }
     assert each["arm"].knots.tolist() == each["table"].knots.tolist()
     for t in np.linspace(0.0, found.duration, 20):
         for name, joints in group.split(found.trajectory(t)).items():

@@ -113,10 +113,7 @@ def test_units_come_from_the_header_the_size_or_the_option(read: Callable[..., T
                   [0, 500_000_000, 1_000_000_000]):  # fmt: skip
         with pytest.raises(InvalidInput, match=r"line [23], column t: .* unit='ms', 'us' or 'ns'"):
             read("t;shoulder;elbow;wrist", times)
-    with pytest.raises(
-        InvalidInput,
-        match=r"^unit: expected no unit=, because the file states all units; got rad$",
-    ):
+    with pytest.raises(InvalidInput, match=r"^unit: expected no unit=, because the file states all units; got rad$"):
         read("t_s;shoulder_deg;elbow_deg;wrist_deg", unit="rad")
     check(
         read("t_ms;shoulder;elbow;wrist", (0, 500, 1000), deg, unit="ms,degrees")

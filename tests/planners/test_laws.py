@@ -519,12 +519,7 @@ def chain(joint_path: JointPath, law: PPoly, t: float, k: int) -> tuple[Array, A
     u = t - law.x[k]
     s, v, a, j = (np.polyval(np.polyder(law.c[:, k], order) if order else law.c[:, k], u) for order in range(4))
     q = [joint_path(float(np.clip(s, 0.0, joint_path.end)), order) for order in range(4)]
-    return (
-        q[0],
-        q[1] * v,
-        q[1] * a + q[2] * v**2,
-        q[1] * j + 3.0 * q[2] * v * a + q[3] * v**3,
-    )
+    return (q[0], q[1] * v, q[1] * a + q[2] * v**2, q[1] * j + 3.0 * q[2] * v * a + q[3] * v**3)
 
 
 LAWS = {

@@ -12,28 +12,13 @@ import numpy as np
 import pytest
 
 import optik
+import planners
 from optik import Scene, dynamics
 from optik.arm.linkage import Linkage as Relations
 from optik.errors import RobotModelError
 from optik.scene.contact import find_clearances, find_pairs
 from optik.types import Array
-from planners import (
-    JointLine,
-    Line,
-    MotionLimits,
-    Plan,
-    PointToPoint,
-    certify,
-    find_path,
-    free,
-    load_motion,
-    load_trajectory,
-    plan,
-    replan,
-    retarget,
-    save,
-    to_ros,
-)
+from planners import JointLine, Line, MotionLimits, Plan, PointToPoint, certify, load_motion, plan, replan, save
 from planners.cell import make_drive
 from planners.certificate.path_error import path_error
 from planners.certificate.torque import TorqueBounds, bound_fourths
@@ -137,11 +122,11 @@ def test_files_and_messages_list_the_driving_joints(tmp_path: Path) -> None:
             again = load_motion(tmp_path / f"a{suffix}")
             assert again.robot == found.robot
             assert (again.trajectory.coefficients == found.trajectory.coefficients).all()
-        to_ros(found, tmp_path / "a.yaml")
+        planners.to_ros(found, tmp_path / "a.yaml")
         lines = (tmp_path / "a.yaml").read_text().splitlines()
         at = lines.index("joint_names:") + 1
         assert [line.strip('- "') for line in lines[at : at + found.robot.n]] == [*found.robot.joint_names]
-        read = load_trajectory(tmp_path / "a.yaml", found.robot)
+        read = planners.load_trajectory(tmp_path / "a.yaml", found.robot)
         t = np.linspace(0.0, min(read.end, found.duration), 300)
         np.testing.assert_allclose(read(t), found.trajectory(t), atol=1e-7)
 
@@ -159,7 +144,7 @@ def test_drives_execute_the_driving_joints_and_mujoco_is_refused() -> None:
 def test_a_running_motion_is_led_elsewhere() -> None:
     found, linkage = planned("two slow followers"), KINDS["two slow followers"]
     goal = found.robot.limits.clip(found.trajectory(0.5 * found.duration) + 0.2)
-    new = retarget(found, 0.3 * found.duration, goal)
+    new = planners.retarget(found, 0.3 * found.duration, goal)
     assert new, new.reason
     t = np.linspace(0.0, new.trajectory.end, 4001)
     rates = np.abs(new.trajectory(t, 1)).max(axis=0)
@@ -284,7 +269,7 @@ def test_searches_and_freedoms_of_linkages() -> None:
     free_ones = [q for q in robot.limits.sample(rng, 40) if find_clearances(robot, scene, q[None])[0].min() > 0.05][:6]
     ways = 0
     for first, last in zip(free_ones[::2], free_ones[1::2], strict=True):
-        found = find_path(robot, first, last, scene=scene, max_samples=4000)
+        found = planners.find_path(robot, first, last, scene=scene, max_samples=4000)
         for way in found.paths:
             ways += 1
             q = np.concatenate([a + np.linspace(0.0, 1.0, 200)[:, None] * (b - a) for a, b in itertools.pairwise(way)])
@@ -295,7 +280,7 @@ def test_searches_and_freedoms_of_linkages() -> None:
     q = np.array([0.2, 0.3, 0.4, 0.3, 0.6, -0.2])
     start = robot.fk(q)
     line = Line(start, optik.se3.pose(start[:3, :3], start[:3, 3] + [0.1, 0.2, -0.1]))
-    given, turned = plan(robot, line, q), plan(robot, free(line, turn=0.6), q)
+    given, turned = plan(robot, line, q), plan(robot, planners.free(line, turn=0.6), q)
     assert given and turned and turned.duration <= given.duration * (1.0 + 1e-6)
     straight, bent = plan(robot, JointLine(robot, q, -q), q), plan(robot, PointToPoint(robot, q, -q), q)
     assert straight and bent and bent.duration <= straight.duration * (1.0 + 1e-6)

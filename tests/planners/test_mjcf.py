@@ -27,11 +27,7 @@ def differences(robot, seed=0, states=20):
         M = np.zeros((robot.n, robot.n))
         mujoco.mj_fullM(model, data, M)
         T = np.column_stack([data.site_xmat[0].reshape(3, 3), data.site_xpos[0]])
-        pairs = (
-            (data.qfrc_inverse, heavy.torques(q, dq, ddq)),
-            (M, heavy.mass_matrix(q)),
-            (T, heavy.fk(q)[:3]),
-        )
+        pairs = ((data.qfrc_inverse, heavy.torques(q, dq, ddq)), (M, heavy.mass_matrix(q)), (T, heavy.fk(q)[:3]))
         worst = np.maximum(worst, [np.abs(a - b).max() for a, b in pairs])
     return worst
 

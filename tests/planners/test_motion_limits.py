@@ -8,24 +8,14 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 
+import planners
 from optik.errors import InvalidInput, NoSolution, UnknownName
 from optik.plugins.files import import_file
 from optik.registry import short_name
 from optik.types import Array
 from planners import Motion, MotionLimits, certify, load_motion, plan, save, stretch_to_limits
 from planners.certificate.analysis import MotionAnalysis
-from planners.limits import (
-    ALL_LIMITS,
-    FIELD_LIMITS,
-    DerivativeLimit,
-    Extreme,
-    PathPoints,
-    kind_of,
-    kinds,
-    limit_names,
-    register,
-    scale_of,
-)
+from planners.limits import ALL_LIMITS, FIELD_LIMITS, DerivativeLimit, Extreme, PathPoints, kind_of, kinds, register
 from planners.limits.inputs import LimitedMotion
 from planners.limits.record import RecordLimit
 from planners.motion.motion import find_stretch_factor
@@ -51,7 +41,7 @@ class Loaded(DerivativeLimit):
     def stretch_factor(self, motion: LimitedMotion, limit: Array) -> float:
         if (limit <= 1.0).any():
             return np.inf
-        return scale_of(float((motion.trajectory.extrema(2).worst / (limit - 1.0)).max()), 2)
+        return planners.limits.scale_of(float((motion.trajectory.extrema(2).worst / (limit - 1.0)).max()), 2)
 
 
 @pytest.fixture(autouse=True)
@@ -122,7 +112,7 @@ def test_a_limit_of_a_file_is_given_by_its_path_and_then_has_its_name(
     monkeypatch.setattr(kinds, "_ADDED", {})
     file = REPOSITORY / "examples" / "plugins" / "weighted_speed.py"
     limits = MotionLimits(2.0, 10.0, 100.0, extra={str(file): 3.0})
-    assert limits.names[-1] == limit_names()[-1] == "weighted_speed"
+    assert limits.names[-1] == planners.limits.limit_names()[-1] == "weighted_speed"
     assert limits == MotionLimits(2.0, 10.0, 100.0, extra={"weighted_speed": 3.0})
     assert MotionLimits.from_plain(limits.to_plain(), 6) == limits
     taken = tmp_path / "jerk.py"

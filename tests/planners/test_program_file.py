@@ -250,10 +250,7 @@ PARTS = [
     ("dwell_s = -1\n", "[[part]] 1: dwell_s: expected a number of at least 0 [s]; got -1"),
     ("dwell_s = 1\nblend_mm = 2\n", "[[part]] 1: keys: expected a mapping with dwell_s; got blend_mm unknown"),
     ("payload_kg = -1\n", "[[part]] 1: payload_kg: expected a number of at least 0 [kg]; got -1"),
-    (
-        "tool = { frame = 'table', xyz_mm = [0, 0, 1] }\n",
-        "rotation_vector_rad, abc_deg; got frame unknown",
-    ),
+    ("tool = { frame = 'table', xyz_mm = [0, 0, 1] }\n", "rotation_vector_rad, abc_deg; got frame unknown"),
     ("payload_com_mm = [0, 0, 1]\n", "[[part]] 1: payload_com_mm: expected payload_kg, too"),
     ("tool = { xyz_mm = [0, 0, 1] }\nname = 'x'\n", "[[part]] 1 'x': keys: expected a mapping with tool"),
     ("tool = 3\n", "[[part]] 1: tool: expected a mapping"),

@@ -149,8 +149,7 @@ def test_a_still_ball_is_bounded_by_its_distance_from_a_turned_box(seed: int) ->
 
 
 @pytest.mark.parametrize(
-    "normal",
-    [(1, 1, 0), (0.3, -2, 5), (1e-3, 2e-3, -1e-3), (3e200, 1e200, 0), (0, 0, 1 + 1.03 * UNIT_NORMAL)],
+    "normal", [(1, 1, 0), (0.3, -2, 5), (1e-3, 2e-3, -1e-3), (3e200, 1e200, 0), (0, 0, 1 + 1.03 * UNIT_NORMAL)]
 )
 def test_a_normal_of_any_length_is_made_one(normal: tuple[float, float, float]) -> None:
     rng = np.random.default_rng(1)

@@ -8,22 +8,12 @@ import pytest
 from scipy.interpolate import PPoly
 
 import optik
+import planners
 from optik import Robot, se3
 from optik.arm.limits import JointLimits
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners import (
-    JointLine,
-    Motion,
-    MotionLimits,
-    Plan,
-    PointToPoint,
-    Polyline,
-    Trajectory,
-    certify,
-    load_motion,
-    plan,
-)
+from planners import JointLine, Motion, MotionLimits, Plan, PointToPoint, Polyline, Trajectory, certify, plan
 from planners.certificate import path_error as path_errors
 from planners.certificate.path_error import ComparedInstants, joint_intervals
 from planners.files.base import from_plain, to_plain
@@ -216,7 +206,7 @@ def test_a_motion_with_huge_numbers_is_refused_or_judged_with_few_intervals(
 def test_a_motion_of_a_file_is_certified_once(tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     file = tmp_path / "cycle.json"
     cycle("ruckig", "home", "pick", "home").save(file)
-    motion: Motion = load_motion(file)
+    motion: Motion = planners.load_motion(file)
     proof = motion.certificate
     assert proof.is_valid
     monkeypatch.setattr("planners.motion.motion.certify", None)

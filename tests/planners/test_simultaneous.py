@@ -19,10 +19,7 @@ MOVE = START + np.array([0.4, -0.3, 0.2, 0.5, -0.4, 0.3])
 
 @pytest.mark.parametrize(
     "make",
-    [
-        lambda: free(line(torch(), START), turn=(-1.0, 1.0)),
-        lambda: PointToPoint(paper6r(), START, MOVE),
-    ],
+    [lambda: free(line(torch(), START), turn=(-1.0, 1.0)), lambda: PointToPoint(paper6r(), START, MOVE)],
     ids=["turn", "joints"],
 )
 def test_the_optimum_is_that_of_ipopt_with_the_joints_as_unknowns(make: Any) -> None:

@@ -7,17 +7,9 @@ import pytest
 from scipy.interpolate import BSpline
 
 from planners import MotionLimits
+from planners.streams import motion
 from planners.streams.interior import _add_transposed, make_factors, make_stencils
-from planners.streams.motion import (
-    ACCELERATION_PART,
-    VELOCITY_PART,
-    JointCubics,
-    Transfer,
-    join_states,
-    smooth_pace,
-    sweep_pace,
-    write_joint_rows,
-)
+from planners.streams.motion import ACCELERATION_PART, VELOCITY_PART, JointCubics, sweep_pace, write_joint_rows
 from planners.streams.reference import CUT, _list_instants, make_objective, track_targets
 from planners.trajectory import Trajectory
 from planners.trajectory.curve import quintic_through
@@ -64,7 +56,7 @@ def test_a_smoothed_pace_is_the_mean_of_a_centred_window() -> None:
     t = np.append(0.0, np.cumsum(rng.uniform(0.01, 0.2, 30)))
     s = np.append(0.2, 0.2 + np.cumsum(rng.uniform(0.0, 0.3, 30)))
     when, out = np.linspace(0.0, t[-1] + 0.5, 40), np.empty(40)
-    smooth_pace(s, t, first, width, when, out)
+    motion.smooth_pace(s, t, first, width, when, out)
     u = (np.arange(20_000) + 0.5) / 20_000 - 0.5
     for at, found in zip(when, out, strict=True):
         x = at + width * u
@@ -148,7 +140,7 @@ def test_the_hold_after_the_last_target_counts_twice() -> None:
 
 
 def test_phases_are_joined_exactly_and_a_plan_is_entered_without_a_step() -> None:
-    rng, transfer = np.random.default_rng(7), Transfer(box(9.0))
+    rng, transfer = np.random.default_rng(7), motion.Transfer(box(9.0))
     for k in range(6):
         state = rng.normal(size=(3, 3)) * [[1.0], [0.5], [2.0]]
         goal = np.zeros((3, 3))
@@ -172,7 +164,7 @@ def test_phases_are_joined_exactly_and_a_plan_is_entered_without_a_step() -> Non
         u = np.linspace(t, other.end, 9)
         np.testing.assert_allclose(whole(np.minimum(entry.end + u - t, whole.end)), other(u), atol=1e-9), k
     still = np.stack([np.ones(3), np.zeros(3), np.zeros(3)])
-    rest = join_states(still, still, np.zeros((3, 2)), np.zeros((3, 2)))
+    rest = motion.join_states(still, still, np.zeros((3, 2)), np.zeros((3, 2)))
     assert 0.0 < rest.end < 0.01 and (rest.trajectory(rest.end) == 1.0).all()
 
 

@@ -9,27 +9,11 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
+from benchmarks import settings
 from benchmarks.blocks.block import Block, Entry, Target
 from benchmarks.blocks.entries import Law, LawPeer, Payload, SceneName, arm_label, arm_with, scene_named
 from benchmarks.blocks.timing.rows import MEASURES
-from benchmarks.settings import (
-    LISTED,
-    Count,
-    Entries,
-    Flag,
-    Joints,
-    RobotName,
-    Settings,
-    SolverName,
-    Three,
-    check_different,
-    check_keys,
-    check_labels,
-    counted,
-    key,
-    numbered,
-    one_of,
-)
+from benchmarks.settings import LISTED, Count, Entries, Joints, RobotName, Settings, Three, counted, key, one_of
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
 from optik.plugins.files import resolve_data_file
@@ -71,7 +55,7 @@ class LineSet(Settings):
         if not isinstance(data, dict):
             return data
         given = _KEYS_OF.get(str(data.get("kind")), {"count"})
-        check_keys(data, {"robot", "kind", "payload", *given}, "", {"robot", "kind", *given})
+        settings.check_keys(data, {"robot", "kind", "payload", *given}, "", {"robot", "kind", *given})
         return data | {"path": resolve_data_file(data["path"], "path")} if "path" in given else data
 
     @property
@@ -198,7 +182,7 @@ class LawTarget(Target):
 
 
 def _different_sets(lines: tuple[LineSet, ...]) -> tuple[LineSet, ...]:
-    check_different([f"{part.label} of {part.arm}" for part in lines], "", "set")
+    settings.check_different([f"{part.label} of {part.arm}" for part in lines], "", "set")
     return lines
 
 
@@ -210,7 +194,7 @@ class LawBlock(Block):
     not_problems = frozenset({"plan", "detail"})
 
     lines: Annotated[tuple[LineSet, ...], LISTED, AfterValidator(_different_sets)] = key("Sets of motions (lines).")
-    limits: Annotated[tuple[LimitSet, ...], LISTED, AfterValidator(check_labels)] = key(
+    limits: Annotated[tuple[LimitSet, ...], LISTED, AfterValidator(settings.check_labels)] = key(
         "Limits of the joints and of the tool; each motion is timed within each."
     )
     laws: Annotated[tuple[Entry, ...], Entries(Law)] = key("Time laws of ours.")
@@ -222,17 +206,17 @@ class LawBlock(Block):
         default_factory=lambda given: given["laws"][0].label,
         description="Label of the law with which whole plans are timed; by default the first.",
     )
-    solvers: Annotated[tuple[SolverName, ...], LISTED] = key(
+    solvers: Annotated[tuple[settings.SolverName, ...], LISTED] = key(
         "IK methods that follow the paths, each for itself.", ("lm",)
     )
     scene: SceneName = key("Scene of whole plans: `shelf`, `table`, `plates`, or a file; by default none.", "")
-    margin: Annotated[float, numbered("metres, 0 or more", least=0.0)] = key(
+    margin: Annotated[float, settings.numbered("metres, 0 or more", least=0.0)] = key(
         "Least distance between arm and scene.", 0.0, "m"
     )
     samples: Annotated[int, counted(2)] = key("Samples of each path.", 151)
     rounds: Count = key("Timed calls of each law on each motion, after one that is not counted.", 3)
     example: Example = key("The motion of the detailed view; by default the first near-singular line.", Example())
-    detail: Flag = key(
+    detail: settings.Flag = key(
         "Whether the report shows joints, tool, arm and clearance along the example, for every law.", False
     )
     targets: Annotated[tuple[LawTarget, ...], LISTED] = key("Bounds that the report checks.", ())

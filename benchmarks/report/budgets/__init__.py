@@ -11,21 +11,9 @@ from benchmarks.blocks.block import quantile, share
 from benchmarks.blocks.budgets import PER_RADIAN, SUCCESS_LEVELS, BudgetRows, succeeded, success
 from benchmarks.blocks.entries import level_words
 from benchmarks.experiments.base import COUNTERPARTS, PAPER_TITLE, UNTESTED
+from benchmarks.report import boards
 from benchmarks.report.base import KindReport, Run, Section, Winner
-from benchmarks.report.boards import (
-    Board,
-    Control,
-    add,
-    axis,
-    bars,
-    colour,
-    figure,
-    interval,
-    lean,
-    line,
-    percent_axis,
-    vary,
-)
+from benchmarks.report.boards import Board, Control, add, axis, colour, figure, interval, line, percent_axis, vary
 from benchmarks.report.budgets.accuracy import DAMPING_BLOCK, accuracy, damping, damping_table
 from benchmarks.report.budgets.default import COMPARED_PROBLEMS, compared_rows, comparisons, default
 from benchmarks.report.budgets.maps import maps, picture, sheets_of
@@ -154,8 +142,8 @@ def _status_board(blocks: list[BudgetRows]) -> Board:
         here = {"block": [b.block.id]}
         vary(plot, here, {"height": 64 + 36 * len(b.methods)})
         for words, counts in _endings(b):
-            trace = bars(
-                y=b.methods, x=lean([100.0 * n / max(total, 1) for n, total in counts]), customdata=counts, name=words,
+            trace = boards.bars(
+                y=b.methods, x=boards.lean([100.0 * n / max(total, 1) for n, total in counts]), customdata=counts, name=words,
                 marker={"color": colours.get(words, colour(7))},
                 hover=f"%{{y}}<br>{words}: %{{customdata[0]}} of %{{customdata[1]}} targets, %{{x:.1f}} %",
             )  # fmt: skip
@@ -210,7 +198,7 @@ def _limitations(run: Run) -> list[str]:
     items = [
         "In blocks with iteration budgets every method gets one attempt from the given start, without restarts: the paper's "
         "iteration has none. A method that runs with default settings is marked. These blocks are not timed: times come "
-        "from single calls.",
+        "from single calls."
     ]
     if any(b.block.set == "graph_paper" for b in blocks):
         items.append(

@@ -9,21 +9,9 @@ import polars as pl
 
 from benchmarks.blocks.block import quantile, share
 from benchmarks.blocks.budgets import SUCCESS_LEVELS, BudgetRows, succeeded, success
+from benchmarks.report import boards
 from benchmarks.report.base import Run
-from benchmarks.report.boards import (
-    INK_COLOUR,
-    Board,
-    Control,
-    Json,
-    add,
-    entry,
-    figure,
-    iterations,
-    line,
-    log_axis,
-    percent_axis,
-    shades,
-)
+from benchmarks.report.boards import Board, Control, add, entry, figure, iterations, line, log_axis, shades
 from benchmarks.report.budgets.default import comparisons
 from benchmarks.report.tables import Column, Table, listed, number, percent, table_of
 from benchmarks.statistics import binned, quantiles
@@ -85,7 +73,7 @@ def _distance_board(blocks: list[BudgetRows]) -> Board:
         for b in blocks:
             _add_distance_lines(plot, b, column)
         for words, (_, dash) in DRAWN_QUANTILES.items():
-            add(plot, entry(words, INK_COLOUR, dash))
+            add(plot, entry(words, boards.INK_COLOUR, dash))
         plots.append(plot)
     methods = dict.fromkeys(m for b in blocks for m in b.budgeted)
     return Board(
@@ -105,7 +93,7 @@ def _add_distance_lines(plot: Figure, b: BudgetRows, column: str) -> None:
             part = rows.filter((pl.col("method") == label) & (pl.col("budget") == budget))
             table = binned(part, "far", "mm", width=50.0)
             for words, (level, dash) in DRAWN_QUANTILES.items():
-                strong: Json = {"name": iterations(budget), "mode": "lines+markers"} if dash == "solid" else {}
+                strong: boards.Json = {"name": iterations(budget), "mode": "lines+markers"} if dash == "solid" else {}
                 add(plot, line(
                     table["middle"], table[f"q{level}"], marker={"size": 4}, customdata=table["count"].to_numpy(),
                     line={"color": shade, "dash": dash, "width": 2 if strong else 1.3}, **strong,
@@ -254,7 +242,7 @@ def _best_everywhere(strata: list[str], constants: dict[str, float], others: lis
 
 def _damping_board(b: BudgetRows, strata: list[str], constants: dict[str, float], table: Figures) -> Board:
     ordered = sorted(constants, key=lambda m: constants[m])
-    across, shares = log_axis("damping λ", dtick=1), percent_axis("targets solved")
+    across, shares = log_axis("damping λ", dtick=1), boards.percent_axis("targets solved")
     took, errors = log_axis("iterations", dtick=1), log_axis("error [mm]")
     plots = {
         "share": figure("damping-success", "Solved at 1e−6 m and rad", across, shares),

@@ -12,26 +12,9 @@ import polars as pl
 
 from benchmarks.blocks.budgets import SUCCESS_LEVELS, BudgetRows, succeeded
 from benchmarks.problems.base import start_of
+from benchmarks.report import boards
 from benchmarks.report.base import Run
-from benchmarks.report.boards import (
-    ALARM_COLOUR,
-    HOVER,
-    INK_COLOUR,
-    MUTED_COLOUR,
-    NOISE,
-    UNKNOWN_COLOUR,
-    Board,
-    Control,
-    Json,
-    add,
-    axis,
-    colour,
-    figure,
-    heatmap,
-    iterations,
-    lean,
-    line,
-)
+from benchmarks.report.boards import ALARM_COLOUR, Board, Control, Json, add, axis, colour, heatmap, line
 from benchmarks.report.budgets.accuracy import chosen
 from benchmarks.report.budgets.default import Pair, comparisons, pairs
 from optik.arm.robot import Robot
@@ -92,7 +75,7 @@ def sheets_of(b: BudgetRows) -> list[Sheet]:
 def _sheet_plot(name: str, b: BudgetRows, sheet: Sheet, robot: Robot) -> Figure:
     """Return an empty plot of a plane with equal scales [mm], with the tool of the robot at the start."""
     tool = dict(zip("XYZ", 1e3 * robot.fk(start_of(robot, b.block.options["start_deg"]))[:3, 3], strict=True))
-    plot = figure(
+    plot = boards.figure(
         f"{name}-{b.block.id}-{sheet.u}{sheet.v}".lower(), f"{sheet.plane} sheet (offset along {sheet.normal.upper()})",
         axis(f"{sheet.u} [mm]", constrain="domain", showgrid=False, zeroline=False),
         axis(f"{sheet.v} [mm]", scaleanchor="x", constrain="domain", showgrid=False, zeroline=False), height=0,
@@ -136,7 +119,7 @@ class Squares:
         """Return one column over the squares; NaN where there is no row."""
         out = np.full((len(self.vs), len(self.us)), np.nan)
         out[rows["row"].to_numpy(), rows["col"].to_numpy()] = rows[column].to_numpy()
-        return lean(out.ravel(), digits).reshape(out.shape)
+        return boards.lean(out.ravel(), digits).reshape(out.shape)
 
     def filled(self, rows: pl.DataFrame, look: str, hover: str, name: str) -> Heatmap:
         """Return some squares in one colour."""
@@ -170,7 +153,7 @@ def _picture_board(pair: Pair, run: Run) -> Board:
         (f"by {pair.attempt} only", run.colour(pair.attempt), mine & ~other),
         (f"by {pair.paper} only", run.colour(pair.paper), other & ~mine),
         ("by neither", ALARM_COLOUR, known & ~mine & ~other),
-        ("no known solution", UNKNOWN_COLOUR, ~known),
+        ("no known solution", boards.UNKNOWN_COLOUR, ~known),
     )
     for words, look, wanted in categories:
         rows = solved.filter(wanted)
@@ -188,8 +171,8 @@ def _picture_board(pair: Pair, run: Run) -> Board:
 def maps(run: Run) -> dict[str, Any] | None:
     """Show positions and errors of every block of graph paper."""
     found = [b for b in comparisons(run) if b.block.set == "graph_paper" and b.budgeted]
-    boards = [board(b, run.robot(b.block.robot)) for b in found for board in (_positions_board, _maps_board)]
-    return {"boards": boards} if boards else None
+    shown = [board(b, run.robot(b.block.robot)) for b in found for board in (_positions_board, _maps_board)]
+    return {"boards": shown} if shown else None
 
 
 def _plane_plots(name: str, b: BudgetRows, robot: Robot) -> tuple[dict[str, Figure], Control, Control]:
@@ -201,7 +184,7 @@ def _plane_plots(name: str, b: BudgetRows, robot: Robot) -> tuple[dict[str, Figu
     where = tuple((str(o), f"{o:+d} mm from the tool" if o else "through the tool") for o in offsets)
     return (
         {plane: _sheet_plot(name, b, first[plane], robot) for plane in planes},
-        Control("budget", "After", tuple((str(n), iterations(n)) for n in shown), str(shown[len(shown) // 3])),
+        Control("budget", "After", tuple((str(n), boards.iterations(n)) for n in shown), str(shown[len(shown) // 3])),
         Control("offset", "Sheet", where, str(min(offsets, key=abs))),
     )
 
@@ -245,10 +228,10 @@ def _tools(part: pl.DataFrame, u: str, v: str) -> list[Scatter]:
     apart = np.linalg.norm(tools - spots, axis=1) > 1.0
     joined = [np.stack([spots[apart, i], tools[apart, i], np.full(int(apart.sum()), np.nan)], axis=1) for i in (0, 1)]
     lines = line(
-        joined[0].ravel(), joined[1].ravel(), mode="lines", hoverinfo="skip", line={"color": MUTED_COLOUR, "width": 1},
+        joined[0].ravel(), joined[1].ravel(), mode="lines", hoverinfo="skip", line={"color": boards.MUTED_COLOUR, "width": 1},
     )  # fmt: skip
     points = line(
-        tools[:, 0], tools[:, 1], mode="markers", marker={"size": 4, "color": INK_COLOUR}, name="tool",
+        tools[:, 0], tools[:, 1], mode="markers", marker={"size": 4, "color": boards.INK_COLOUR}, name="tool",
         hover="tool at %{x}, %{y} mm",
     )  # fmt: skip
     return [lines, points]
@@ -277,7 +260,7 @@ def _add_maps(plot: Figure, b: BudgetRows, sheet: Sheet, budgets: list[str]) -> 
     """Draw a sheet: squares without a known solution, and every method's iterations and errors."""
     squares, here = Squares.of(b.rows, sheet), {"offset": [str(sheet.offset)]}
     unknown = squares.rows.unique("problem").filter(~pl.col("known"))
-    add(plot, squares.filled(unknown, UNKNOWN_COLOUR, sheet.hover, "no known solution"), here)
+    add(plot, squares.filled(unknown, boards.UNKNOWN_COLOUR, sheet.hover, "no known solution"), here)
     for (label, budget), part in squares.rows.filter("known").partition_by("method", "budget", as_dict=True).items():
         when = here | {"method": [str(label)]}
         if budget == b.budget and label in b.budgeted:
@@ -297,7 +280,7 @@ def _add_errors(plot: Figure, rows: pl.DataFrame, squares: Squares, where: str, 
         trace = _coloured(
             squares.matrix(at, column, 2), squares, (low, high), "|error| [mm]", dict(zip(ticks, words, strict=True))
         )
-        trace.update(hovertemplate=f"{where}%{{customdata:.2g}} mm{HOVER}")
+        trace.update(hovertemplate=f"{where}%{{customdata:.2g}} mm{boards.HOVER}")
         add(plot, trace, when | {"quantity": [name]})
 
 
@@ -308,7 +291,7 @@ def _add_iterations(plot: Figure, rows: pl.DataFrame, squares: Squares, where: s
     high = float(np.log10(max(most, 2)))
     marks = {float(np.log10(n)): str(n) for n in ticks}
     trace = _coloured(squares.matrix(solved, "iterations"), squares, (0, high), "iterations", marks)
-    trace.update(hovertemplate=f"{where}iterations until solved: %{{customdata}}{HOVER}")
+    trace.update(hovertemplate=f"{where}iterations until solved: %{{customdata}}{boards.HOVER}")
     add(plot, trace, when)
     add(plot, line(
         squares.us[failed["col"].to_numpy()], squares.vs[failed["row"].to_numpy()], mode="markers",
@@ -324,7 +307,7 @@ def _coloured(
     """Return a map with logarithmic colours."""
     bar = {"title": {"text": title, "side": "right"}, "thickness": 12, "outlinewidth": 0, "len": 0.9}
     return heatmap(
-        z=np.log10(np.maximum(values, NOISE)), customdata=values, meta={"log10": True}, **squares.options,
+        z=np.log10(np.maximum(values, boards.NOISE)), customdata=values, meta={"log10": True}, **squares.options,
         colorscale="Viridis", zmin=ends[0], zmax=ends[1],
         colorbar=bar | {"tickvals": list(marks), "ticktext": list(marks.values())},
     )  # fmt: skip

@@ -13,19 +13,9 @@ from numpy.typing import ArrayLike
 from benchmarks.blocks.block import values_of
 from benchmarks.blocks.calls import FIRST_ROUND_FROM, CallRows
 from benchmarks.blocks.entries import shared
+from benchmarks.report import boards
 from benchmarks.report.base import KindReport, Run, Section, Winner
-from benchmarks.report.boards import (
-    Board,
-    Control,
-    Sample,
-    add,
-    figure,
-    fraction_plot,
-    line,
-    log_axis,
-    percent_axis,
-    vary,
-)
+from benchmarks.report.boards import Board, Control, Sample, add, figure, fraction_plot, log_axis, percent_axis, vary
 from benchmarks.report.budgets.default import has_same_problems
 from benchmarks.report.calls.tables import LABEL, block_tables
 from benchmarks.report.page import most_solved, rank_methods
@@ -132,7 +122,7 @@ def against_singularity(blocks: list[CallRows], run: Run) -> Board | None:
     for b in known:
         for label, part in b.by_method.items():
             rates = by_sigma(part, _singular_edges(b.rows))
-            add(plot, line(
+            add(plot, boards.line(
                 [r[0] for r in rates], [r[1] for r in rates], digits=6, mode="lines+markers", name=label,
                 text=[f"{y:.4g} % [{low:.4g}, {high:.4g}] of {n:,}" for _, y, low, high, n in rates],
                 line=run.look(label) | {"shape": "hv"}, hover=f"{label}<br>%{{text}}",
@@ -270,8 +260,8 @@ def _calls(run: Run) -> dict[str, Any] | None:
     blocks = run.of("calls")
     if not blocks:
         return None
-    boards = [profiles(blocks, run), errors(blocks, run), against_singularity(blocks, run)]
-    return {"boards": [board for board in boards if board is not None], "tables": run.tables_of("calls")}
+    shown = [profiles(blocks, run), errors(blocks, run), against_singularity(blocks, run)]
+    return {"boards": [board for board in shown if board is not None], "tables": run.tables_of("calls")}
 
 
 def _rules(run: Run) -> dict[str, Any]:

@@ -115,7 +115,7 @@
   });
   // Buttons are named one by one: a new one of the library that talks to a server does not come by itself.
   const config = layout => ({ responsive: true, displaylogo: false, scrollZoom: false, displayModeBar: mouse ? "hover" : false,
-    showSendToCloud: false, plotlyServerURL: "",
+    showSendToCloud: false, plotlyServerURL: "", toImageButtonOptions: { format: "svg" },
     modeBarButtons: [layout.scene ? ["orbitRotation", "zoom3d", "resetCameraDefault3d", "toImage"] : ["zoom2d", "pan2d", "resetScale2d", "toImage"]] });
 
   const logarithm = matrix => matrix.map(row => row.map(value => (value === null ? null : Math.log10(Math.max(value, 1e-12)))));

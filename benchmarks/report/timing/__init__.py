@@ -16,27 +16,10 @@ from benchmarks.blocks.timing.settings import GIVEN_LINE, LINE_KINDS, LawBlock, 
 from benchmarks.report.base import KindReport, Run, Section, Winner
 from benchmarks.report.page import rank_methods
 from benchmarks.report.tables import listed, number, quote_label
+from benchmarks.report.timing import line, tables
 from benchmarks.report.timing.joints import motion
-from benchmarks.report.timing.line import (
-    broken_limits,
-    detailed,
-    draw_clearance,
-    ik_matters,
-    law_table,
-    limits_of,
-    line_in_space,
-    solved_of,
-)
-from benchmarks.report.timing.tables import (
-    compared,
-    durations,
-    example_boards,
-    law_tables,
-    make_line_tables,
-    plan_times,
-    torques,
-    violations,
-)
+from benchmarks.report.timing.line import broken_limits, detailed, law_table, limits_of, line_in_space, solved_of
+from benchmarks.report.timing.tables import compared, durations, law_tables, plan_times, torques, violations
 from benchmarks.statistics import median_interval, not_longer
 from optik.registry import short_name
 from optik.types import Array
@@ -60,7 +43,7 @@ def _block(b: BlockRows, run: Run) -> dict[str, Any]:
         "boards": [board for board in (durations(b, run), torques(b, run)) if board is not None],
         "tables": law_tables(b),
         "others": [table for table in (violations(b), plan_times(b), compared(b)) if table is not None],
-        "example": example_boards(b, run),
+        "example": tables.example_boards(b, run),
     }  # fmt: skip
 
 
@@ -185,8 +168,8 @@ def subjects(blocks: Sequence[LawBlock]) -> tuple[str]:
 def limitations(run: Run) -> tuple[str, ...]:
     """List the limitations of the figures."""
     many = [b for b in run.of("timing") if not b.block.detail]
-    line = detailed(run)
-    return (*(() if line is None else _line_limitations(run, line)), *(_many_limitations(many) if many else ()))
+    shown = detailed(run)
+    return (*(() if shown is None else _line_limitations(run, shown)), *(_many_limitations(many) if many else ()))
 
 
 def _line_limitations(run: Run, b: BlockRows) -> tuple[str, ...]:
@@ -237,7 +220,7 @@ def line_laws(run: Run) -> dict[str, Any] | None:
     b = detailed(run)
     if b is None:
         return None
-    return {"tables": [law_table(run, b)], "after": [words for words in (ik_matters(b),) if words]}
+    return {"tables": [law_table(run, b)], "after": [words for words in (line.ik_matters(b),) if words]}
 
 
 REPORT = KindReport(
@@ -245,12 +228,12 @@ REPORT = KindReport(
         Section("Time laws on many lines", "timing", timing, Path(__file__).with_name("section.html.j2"), 20),
         Section("The line", "line", line_summary, order=70, place="summary"),
         Section("The line in space (Fig. 5 and 6)", "line", line_in_space, Path(__file__).with_name("arm.html.j2"), 70),
-        Section("Clearance", "clearance-line", draw_clearance, order=75),
+        Section("Clearance", "clearance-line", line.draw_clearance, order=75),
         Section("Joint and tool motion", "joints", motion, order=80),
         Section("Time laws", "laws", line_laws, order=90),
     ),
     subjects,
     winners=winners,
-    tables=make_line_tables,
+    tables=tables.make_line_tables,
     limitations=limitations,
 )

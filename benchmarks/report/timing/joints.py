@@ -9,23 +9,9 @@ import numpy as np
 import polars as pl
 
 from benchmarks.blocks.base import BlockRows
+from benchmarks.report import boards
 from benchmarks.report.base import Run
-from benchmarks.report.boards import (
-    NOISE,
-    Board,
-    Control,
-    Json,
-    add,
-    axis,
-    band,
-    colour,
-    figure,
-    lean,
-    level,
-    line_over,
-    log_axis,
-    vary,
-)
+from benchmarks.report.boards import Board, Control, Json, add, axis, band, colour, figure, level, line_over, vary
 from benchmarks.report.timing.line import arm_of, detailed, law_control, limits_of
 from benchmarks.report.timing.tables import example_boards
 from optik.arm.robot import Robot
@@ -67,8 +53,8 @@ def motion(run: Run) -> dict[str, Any] | None:
     rows, tool = (None, None) if found is None else (found.table("joints"), found.table("tool"))
     if rows is None or tool is None or found is None:
         return None
-    boards = [_joint_board(found, rows, run), *example_boards(found, run), _tool_board(tool, run)]
-    return {"boards": boards}
+    shown = [_joint_board(found, rows, run), *example_boards(found, run), _tool_board(tool, run)]
+    return {"boards": shown}
 
 
 def _joint_board(b: BlockRows, rows: pl.DataFrame, run: Run) -> Board:
@@ -159,7 +145,7 @@ def _whole_ranges(plot: Figure, rows: pl.DataFrame, column: str, laws: list[str]
             vary(
                 plot,
                 {"range": [WHOLE_CURVES], "law": [law], "joint": [joint]},
-                {"yaxis": {"range": lean([low - room, high + room]).tolist()}},
+                {"yaxis": {"range": boards.lean([low - room, high + room]).tolist()}},
             )
 
 
@@ -193,8 +179,8 @@ def _tool_board(rows: pl.DataFrame, run: Run) -> Board:
 def _envelope(t: Array, y: Array) -> tuple[Array, Array]:
     """Return the largest of every few instants: a deviation is zero at the samples of the path and oscillates between them."""
     k = len(t) // ENVELOPE * ENVELOPE
-    return t[:k].reshape(-1, ENVELOPE).mean(axis=1), np.maximum(y[:k].reshape(-1, ENVELOPE).max(axis=1), NOISE)
+    return t[:k].reshape(-1, ENVELOPE).mean(axis=1), np.maximum(y[:k].reshape(-1, ENVELOPE).max(axis=1), boards.NOISE)
 
 
 def _deviation(title: str, most: float) -> Json:
-    return log_axis(title, range=(-10.5, max(0.5, math.log10(max(most, 1e-10)) + 0.5)))
+    return boards.log_axis(title, range=(-10.5, max(0.5, math.log10(max(most, 1e-10)) + 0.5)))

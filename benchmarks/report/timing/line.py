@@ -12,25 +12,9 @@ import polars as pl
 from benchmarks.blocks.base import BlockRows
 from benchmarks.blocks.entries import JOINT_LIMITS
 from benchmarks.records import rows_file
+from benchmarks.report import boards
 from benchmarks.report.base import Run
-from benchmarks.report.boards import (
-    ALARM_COLOUR,
-    MUTED_COLOUR,
-    Board,
-    Control,
-    Json,
-    add,
-    axis,
-    band,
-    colour,
-    entry,
-    figure,
-    lean,
-    line,
-    line_3d,
-    noise_floor,
-    squeeze,
-)
+from benchmarks.report.boards import Board, Control, Json, add, axis, colour, figure, line, noise_floor, squeeze
 from benchmarks.report.tables import Column, Table, number, ratio
 from optik.arm.robot import Robot
 from optik.registry import short_name
@@ -274,7 +258,7 @@ def _straight(along: Array) -> Figure:
 
 def _points(points: Array, name: str, mode: str = "markers", **options: Any) -> Scatter3d:
     hover = f"{name}<br>%{{x:.1f}}, %{{y:.1f}}, %{{z:.1f}} mm"
-    return line_3d(*points.T, mode=mode, name=name, hover=hover, **options)
+    return boards.line_3d(*points.T, mode=mode, name=name, hover=hover, **options)
 
 
 # ---------------------------------------------------------------- clearance
@@ -308,7 +292,7 @@ def _over_time(rows: pl.DataFrame, facts: Sequence[Json], margin: float, run: Ru
     """Plot the least distance of all pairs and that between links, with the proved bounds."""
     laws = rows["law"].unique(maintain_order=True).to_list()
     margin *= 1e3
-    below = band(-1e4, margin, "nearer to the scene than the margin" if margin else "contact")
+    below = boards.band(-1e4, margin, "nearer to the scene than the margin" if margin else "contact")
     most = 1e3 * float(np.nanmax(rows.select(pl.max_horizontal("scene", "own")).to_numpy().astype(float)))
     plot = figure(
         "clearance-time", "Clearance over time", axis("t [s]", rangemode="tozero"),
@@ -330,12 +314,12 @@ def _over_time(rows: pl.DataFrame, facts: Sequence[Json], margin: float, run: Ru
         times, distances = np.array(one["marks"]).T
         mark = line(
             times, 1e3 * distances, digits=5, mode="markers", name="least, from the certificate",
-            marker={"color": ALARM_COLOUR, "size": 10, "symbol": "diamond"},
+            marker={"color": boards.ALARM_COLOUR, "size": 10, "symbol": "diamond"},
             hover="least, from the certificate<br>%{x:.3f} s: %{y:.4g} mm",
         )  # fmt: skip
         add(plot, mark, {"law": [one["law"]]})
     for words, dash in (("arm and scene", "solid"), ("between links", "dot")):
-        add(plot, entry(words, MUTED_COLOUR, dash))
+        add(plot, boards.entry(words, boards.MUTED_COLOUR, dash))
     return Board(
         "clearance-time-board", (plot,), (law_control(laws),) if laws[1:] else (),
         "Least distance of the examined pairs at sampled instants, for the shapes of arm and scene. The bound of the "
@@ -348,7 +332,7 @@ def axes_in_space(gravity: Array, points: Array) -> Json:
     low, high = points.min(axis=0), points.max(axis=0)
     room = 0.05 * (high - low).max()
     axes = {f"{a}axis": _axis_in_space(a, 6, range=[low[i] - room, high[i] + room]) for i, a in enumerate("xyz")}
-    up = dict(zip("xyz", lean(-gravity).tolist(), strict=True))
+    up = dict(zip("xyz", boards.lean(-gravity).tolist(), strict=True))
     camera = {"up": up, "eye": {"x": 1.0, "y": -1.2, "z": 0.6}, "center": {"x": 0.0, "y": 0.0, "z": -0.12}}
     return {"aspectmode": "data", "camera": camera, **axes}
 

@@ -14,24 +14,9 @@ from benchmarks.blocks.entries import JOINT_LIMITS, arm_label
 from benchmarks.blocks.timing.rows import NEARLY, ON_PATH_M, in_group
 from benchmarks.blocks.timing.settings import GIVEN_LINE
 from benchmarks.records import slug
+from benchmarks.report import boards
 from benchmarks.report.base import Run
-from benchmarks.report.boards import (
-    ALARM_COLOUR,
-    INK_COLOUR,
-    MUTED_COLOUR,
-    Board,
-    Control,
-    Sample,
-    add,
-    axis,
-    band,
-    colour,
-    figure,
-    fraction_plot,
-    line,
-    log_axis,
-    ticked_axis,
-)
+from benchmarks.report.boards import Board, Control, Sample, add, axis, figure, fraction_plot, line, ticked_axis
 from benchmarks.report.tables import VERSION_COLUMNS, Cell, Column, Group, Table, quote_label, table_of, version_cells
 from benchmarks.report.timing.line import law_table
 from optik.check import format_count
@@ -253,7 +238,7 @@ def active_plot(name: str, near: pl.DataFrame, laws: Sequence[str], scale: float
 
 def limit_colour(limit: str) -> str:
     """Return the colour of a limit."""
-    return colour(LIMIT_COLOURS.get(limit, len(LIMIT_COLOURS)))
+    return boards.colour(LIMIT_COLOURS.get(limit, len(LIMIT_COLOURS)))
 
 
 EVERY = "every path"
@@ -325,7 +310,7 @@ def torques(b: BlockRows, run: Run) -> Board | None:
             ticked_axis(f"largest {words} / limit", ticks, range=_find_plot_range(b.rows[field])), "motions",
             PATHS_WITHIN + "times the limit", _samples(b, run, b.rows.filter("solved"), groups, ratio), 400,
         )  # fmt: skip
-        plots.append(plot.add_vline(1.0, line={"color": ALARM_COLOUR, "width": 1, "dash": "dash"}))
+        plots.append(plot.add_vline(1.0, line={"color": boards.ALARM_COLOUR, "width": 1, "dash": "dash"}))
     return Board(
         f"{b.block.id}-torques", tuple(plots), (Control("group", "Arm", tuple((g, g) for g in groups)),) if groups[1:] else (),
         "Motions before time scaling: the worst joint of each, proved for every instant, for the arm's model. Right of the "
@@ -380,8 +365,8 @@ def _phase(
     )  # fmt: skip
     at = f"<br>%{{y:.4g}} {unit}/s at %{{x:.4g}} {unit}"
     bounds = (
-        ("velocity", "velocities", INK_COLOUR, "dash", "velocity limit of %{text}"),
-        ("acceleration", "accelerations", MUTED_COLOUR, "dot", "acceleration limits, for any path acceleration"),
+        ("velocity", "velocities", boards.INK_COLOUR, "dash", "velocity limit of %{text}"),
+        ("acceleration", "accelerations", boards.MUTED_COLOUR, "dot", "acceleration limits, for any path acceleration"),
     )
     for field, several, drawn, dash, meaning in bounds:
         trace = line(
@@ -423,7 +408,7 @@ def _ratios(motions: pl.DataFrame, laws: list[str], of: tuple[float, str]) -> Fi
     scale, unit = of
     plot = figure(
         "timing-ratios", "Largest value / limit of any joint", f"s [{unit}]",
-        log_axis("value / limit", dtick=1, range=[-2.3, 3.2]), shapes=[band(1.0, 1e6, "beyond the limit")],
+        boards.log_axis("value / limit", dtick=1, range=[-2.3, 3.2]), shapes=[boards.band(1.0, 1e6, "beyond the limit")],
     )  # fmt: skip
     for law in laws:
         part = motions.filter(pl.col("law") == law)
