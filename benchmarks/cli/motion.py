@@ -431,7 +431,7 @@ class StreamCommand(command.LimitsCommand, command.TableCommand):
                 out_console.print(f"stopped: {done.fault}", style="red")
             if self.out is not None:
                 out_console.print(f"written to {self.out}")
-        raise typer.Exit(0 if done else 1)
+        raise typer.Exit(0 if done and done.report.joined else 1)
 
 
 class _Recording:

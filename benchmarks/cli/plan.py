@@ -184,8 +184,8 @@ class SceneCommand(RobotCommand):
 
     def load_scene(self, arm: optik.Robot) -> optik.Scene | None:
         """Return the scene of ``--scene``."""
-        if self.margin is not None and not self.margin >= 0.0:
-            raise InvalidInput("--margin", self.margin, "a distance of 0 or more [m]")
+        if self.margin is not None and not 0.0 <= self.margin <= 1.0:
+            raise InvalidInput("--margin", self.margin, "a distance from 0 to 1 [m]")
         if self.scene is None:
             if self.margin is not None:
                 advice = "add --scene FILE, or --scene self"
@@ -407,7 +407,7 @@ def _describe_export(sent: Any, plan: planners.Plan) -> str:
     if sent is None or not sent.trajectory.duration > plan.trajectory.duration * (1.0 + SILENT_STRETCH):
         return ""
     percent = 100.0 * (sent.trajectory.duration / plan.trajectory.duration - 1.0)
-    why = "whole periods, and the limits after controller interpolation"
+    why = "whole periods, and the limits after controller interpolation; all speeds are lower by this factor"
     return f": {sent.trajectory.duration:.4f} s, {percent:.3g} % longer than the plan, for {why}"
 
 

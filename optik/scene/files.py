@@ -436,6 +436,10 @@ def load_scene(
         raise locate_error(path.name, error) from None
 
 
+TINY = 2e-3
+"""Longest edge of a box [m] up to which its millimetres are probably metres."""
+
+
 def scene_from_toml(text: str) -> dict[str, Any]:
     """Read a scene from TOML, in the format that this module describes."""
     data = parse_toml(text, "scene")
@@ -450,7 +454,9 @@ def scene_from_toml(text: str) -> dict[str, Any]:
             objects[kind].append(_object(kind, row, where))
             names.append(read_word(row.get("name", name_object(kind, i)), f"{where}.name"))
     margin = check_number(data.get("margin_mm", 0.0), "scene.margin_mm", "millimetres, 0 or more", least=0.0) / 1000.0
-    return {**objects, "allow": data.get("allow", ()), "names": tuple(names), "margin": margin}
+    tiny = [name for name, (_, edges) in zip(names, objects["boxes"], strict=False) if edges.max() < TINY]
+    notes = [f"{', '.join(tiny)}: edges below {1e3 * TINY:g} mm: are these metres?"] if tiny else []
+    return {**objects, "allow": data.get("allow", ()), "names": tuple(names), "margin": margin, "notes": notes}
 
 
 def _object(kind: str, row: Mapping[str, Any], where: str) -> tuple[Any, ...] | Array:

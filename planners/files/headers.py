@@ -47,6 +47,8 @@ def list_units(robot: Robot, order: int) -> list[str]:
 def read_log(table: TextTable, robot: Robot, names: list[str]) -> MessagePoints:
     """Return the setpoints of a table, in SI units where the header states no others."""
     sets = _find_sets(table, robot, names)
+    if set(sets) == {2} and all("joint" in header.lower() and not column.unit for header, column in sets[2].items()):
+        sets = {0: sets[2]}  # joint_a1 is KUKA's name of a joint: accelerations alone are no motion
     bare = sorted(k for k, group in sets.items() if not any(column.unit for column in group.values()))
     for k in bare if 0 in sets and 0 not in bare else ():
         sets[k] = {h: like._replace(at=sets[k][h].at) for h, like in zip(sets[k], sets[0].values(), strict=True)}

@@ -28,11 +28,14 @@ from planners.trajectory.curve import monomials
 
 
 FAR_ABOVE = 20.0
-"""Ratio of a given velocity limit to the robot's own from which it is probably in degrees: a radian has 57."""
+"""Ratio of a given velocity limit to the robot's own from which it is probably in degrees, as a radian has 57; and speed of a
+tool [m/s] from which it is probably in millimetres."""
 
 
-def _warn_of_degrees(robot: Robot, velocity: Any) -> None:
-    """Warn of a velocity limit that is far above those of the robot."""
+def _warn_of_units(robot: Robot, velocity: Any, tool_speed: Any) -> None:
+    """Warn of a velocity limit that is far above those of the robot, and of one on the tool that no arm reaches."""
+    if isinstance(tool_speed, int | float) and FAR_ABOVE < tool_speed < np.inf:
+        warnings.warn(f"tool_speed: {tool_speed:g} m/s: are these mm/s?", AssumptionWarning, stacklevel=3)
     own, turns = robot.limits.velocity, ~robot.prismatic
     if isinstance(velocity, int | float) and own is not None and (turns & np.isfinite(own)).any():
         ratio = float(velocity) / float(own[turns].max())
@@ -147,7 +150,7 @@ class MotionLimits(ByContent):
             ``velocity_by_position`` and those of motors. With known masses also those on torque and torque rate.
         """
         check_kind(robot, "robot", Robot, 'a Robot, such as optik.load("ur5e")')
-        _warn_of_degrees(robot, given.get("velocity"))
+        _warn_of_units(robot, given.get("velocity"), given.get("tool_speed"))
         names = (*DERIVATIVES, *LOADED) if robot.inertia is not None else DERIVATIVES
         known = {name: getattr(robot.limits, name) for name in names} | _find_records(robot)
         values = known | {name: value for name, value in given.items() if name not in ("extra", "robot_values")}

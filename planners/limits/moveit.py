@@ -16,7 +16,7 @@ from optik.errors import InvalidInput
 from optik.file_io import check_suffix, decode_text, parse_yaml, read_bytes
 from optik.tables import warn_of_assumptions
 from optik.types import Array
-from planners.limits.motion_limits import MotionLimits
+from planners.limits.motion_limits import FAR_ABOVE, MotionLimits
 
 NESTED = ("/**", "ros__parameters", "robot_description_planning")
 """Keys of parameter files of ROS around ``joint_limits``."""
@@ -108,6 +108,11 @@ def read_limits(
     others = sorted({*map(str, joints)} - {*names})
     notes = [f"no joints of {robot.name}: {', '.join(others)}"] if others else []
     notes += [f"not read: {', '.join(sorted(unread))}"] if unread else []
+    velocity = values["velocity"] / robots["velocity"]
+    if (known := np.isfinite(velocity)).any() and velocity[known].min() > FAR_ABOVE:
+        notes.append(
+            f"velocities of {velocity[known].min():.3g} times those of {robot.name} or more: are these degrees?"
+        )
     changed = {kind: x for kind, x in values.items() if not np.array_equal(x, robots[kind])}
     limits = {kind: x if np.isfinite(x).any() else None for kind, x in changed.items()}
     return FoundLimits(ranges, braking if np.isfinite(braking).any() else None, limits, notes)

@@ -66,7 +66,7 @@ def test_words_state_the_order_of_the_derivative(read: Callable[..., Trajectory]
 
 
 def test_numbers_are_the_joints_in_their_order_and_it_is_said(read: Callable[..., Trajectory]) -> None:
-    for head in ("t;J1;J2;J3", "t;q_0;q_1;q_2", "t;axis1;axis2;axis3"):
+    for head in ("t;J1;J2;J3", "t;q_0;q_1;q_2", "t;axis1;axis2;axis3", "t;joint_a1;joint_a2;joint_a3"):
         with pytest.warns(
             AssumptionWarning,
             match=f"the columns {head[2:].replace(';', ',')} are read as joints shoulder,elbow,wrist, by",

@@ -1,0 +1,33 @@
+"""Numbers that are probably in another unit are asked about."""
+
+from pathlib import Path
+
+import pytest
+
+import optik
+from optik.errors import AssumptionWarning, InvalidInput
+from planners import MotionLimits, load_limits
+
+
+def test_limits_in_degrees_or_millimetres_are_asked_about(tmp_path: Path, recwarn: pytest.WarningsRecorder) -> None:
+    arm = optik.load("ur5e")
+    MotionLimits.of(arm, velocity=3.0, tool_speed=2.0)
+    assert not recwarn
+    with pytest.warns(AssumptionWarning, match="180 rad/s is 57.3 times .* degrees"):
+        MotionLimits.of(arm, velocity=180.0)
+    with pytest.warns(AssumptionWarning, match="250 m/s: are these mm/s"):
+        MotionLimits.of(arm, tool_speed=250.0)
+    rows = [f"  {name}: {{has_velocity_limits: true, max_velocity: 180.0}}" for name in arm.joint_names]
+    (tmp_path / "joint_limits.yaml").write_text("\n".join(["joint_limits:", *rows]))
+    with pytest.warns(AssumptionWarning, match=r"57\.3 times .*are these degrees"):
+        load_limits(tmp_path / "joint_limits.yaml", arm)
+    with pytest.raises(InvalidInput, match="a Robot, such as"):
+        MotionLimits.of("ur5e")  # type: ignore[arg-type]
+
+
+def test_a_box_of_a_scene_in_metres_is_asked_about(tmp_path: Path) -> None:
+    (tmp_path / "table.toml").write_text(
+        "[[boxes]]\nname = 'table'\nxyz_mm = [0.6, 0.0, 0.1]\nedges_mm = [0.3, 0.6, 0.2]\n"
+    )
+    with pytest.warns(AssumptionWarning, match="table: edges below 2 mm: are these metres"):
+        optik.Scene.load(tmp_path / "table.toml")
