@@ -23,6 +23,7 @@ from planners.limits import DERIVATIVES, MotionLimits
 from planners.motion import Motion, PlanStatus
 from planners.paths.base import Path
 from planners.paths.joint_curve import JointCurve
+from planners.paths.program import ProgramPath
 from planners.planning.result import Plan
 from planners.trajectory import Trajectory, map_joints
 
@@ -121,10 +122,14 @@ class GroupPlan:
 
     def _make_motion(self, name: str) -> Motion:
         """Return the motion of a member."""
-        robot, limits, joints = self.group.members[name], self.limits[name], self.view.joint_path
+        robot, limits, sections = self.group.members[name], self.limits[name], getattr(self.view, "sections", ())
         columns = np.argsort(self.group.order(self.frame, self.tool))[self.group.columns(name)]
-        rows = joints.at_nodes[:, :, columns]
-        path = self.paths.get(name) or JointCurve(robot, joints.nodes, rows[:, 0], rows[:, 1:])
+        curves = []
+        for joints in [one.joint_path for one in sections or (self.view,)]:
+            rows = joints.at_nodes[:, :, columns]
+            curves.append(JointCurve(robot, joints.nodes, rows[:, 0], rows[:, 1:]))
+        whole = ProgramPath(curves, [robot] * len(curves)) if sections else curves[0]
+        path = self.paths.get(name) or whole
         moved = map_joints(self.view.trajectory, np.eye(self.group.n)[columns])
         kinds = {one: one if one in DERIVATIVES else f"{name}.{one}" for one in limits.names}
         enforced = tuple(one for one, kind in kinds.items() if kind in self.certificate.enforced)

@@ -10,7 +10,7 @@ import optik
 import planners
 from optik import Group, JointLimits, Robot, Scene, se3
 from optik.errors import InvalidInput
-from planners import Arc, Line, MotionLimits, certify, combine, free, load_motion, make_law, plan, to_ros
+from planners import Arc, Line, MotionLimits, Part, Program, certify, combine, free, load_motion, make_law, plan, to_ros
 from planners.limits import OpenContainer
 from tests.planners.chains import draw_seam
 
@@ -233,6 +233,17 @@ def test_motions_of_groups_are_stored_and_sent(tmp_path: Path) -> None:
             assert each[name](t) == pytest.approx(joints, abs=1e-6)
     with pytest.raises(InvalidInput, match="table and arm"):
         to_ros(found, tmp_path / "weld.yaml", controllers={"torch": "x"})
+
+
+def test_a_program_in_the_frame_of_the_table_is_planned_and_its_members_are_programs(tmp_path: Path) -> None:
+    group, weld = welding(), Arc.about(se3.pose(np.diag([1.0, -1, -1]), [0.1, 0, 0.05]), [0, 0, 0.05], [0, 0, 1.0], 1.0)
+    away = Line(end := weld.pose(weld.end), end @ se3.pose(p=[0.0, 0.0, -0.1]))
+    start = plan(group, weld, tool="arm").trajectory(0.0)
+    found = plan(group, Program([Part(weld), Part(away)]), start, tool="arm", frame="table")
+    assert found and found.view.path.robots[0] == group.chain("table", "arm") and len(found.view.sections) == 2
+    assert all(motion.certificate.is_valid for motion in found.members.values())
+    found.save(tmp_path / "program.json")
+    assert load_motion(tmp_path / "program.json").certificate.is_valid
 
 
 def test_arguments_of_groups_are_checked() -> None:
