@@ -140,7 +140,8 @@ def write_atomically(path: str | os.PathLike[str], write: Callable[[Path], objec
         finally:
             part.unlink(missing_ok=True)
     except OSError as error:
-        raise OutputError(target, f"cannot be written ({error.strerror or error})") from None
+        why = error.strerror or error if target.parent.is_dir() else f"there is no folder {target.parent}"
+        raise OutputError(target, f"cannot be written ({why})") from None
 
 
 # ---------------------------------------------------------------- locks

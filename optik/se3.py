@@ -224,7 +224,7 @@ def pose(R: ArrayLike | None = None, p: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
     """
     T = np.eye(4)
     if R is not None:
-        T[:3, :3] = real_array(R, "R", "an array of shape (3, 3)", (3, 3))
+        T[:3, :3] = real_array(R, "R", "an array of shape (3, 3); pose(p=...) for a position", (3, 3))
     T[:3, 3] = real_array(p, "p", "an array of shape (3,)", (3,))
     return T
 

@@ -141,7 +141,7 @@ def check_scene(robot: Robot, scene: Scene | None) -> None:
 
     if scene is None:
         return
-    check_kind(scene, "scene", Scene, "a Scene; an empty one for the arm's own links only")
+    check_kind(scene, "scene", Scene, "a Scene, such as optik.Scene.load(file), or Scene() for the arm alone")
     find_pairs(robot, scene)
 
 

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from optik.arm.inertia import Payload
 from optik.arm.robot import Robot
-from optik.check import check_choice, check_kind, check_number, finite_array, real_array
+from optik.check import check_choice, check_keywords, check_kind, check_number, finite_array, real_array
 from optik.errors import InvalidInput
 from optik.se3 import check_pose, nearest_pose
 from optik.types import Array
@@ -63,6 +63,7 @@ class Move:
         check_choice(self.frame, "frame", FRAMES)
 
 
+@check_keywords
 @dataclass(frozen=True, eq=False)
 class Part:
     """A move of a program. It starts where the part before ended.
