@@ -22,7 +22,7 @@ def test_what_is_needed_is_usable_and_every_peer_is_named_with_what_to_type(
     status, out, said = typed("doctor", "--json")
     assert (status, said) == (0, "")
     needed = rows(out, "packages")
-    assert {"numpy", "numba", "casadi", "ruckig", "toppra"} <= set(needed)
+    assert {"numpy", "numba", "ruckig", "toppra"} <= set(needed)
     for name, row in needed.items():
         assert (row["state"], row["words"]) == ("usable", importlib.metadata.version(name))
     found = rows(out, "peers")
