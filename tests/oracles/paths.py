@@ -76,7 +76,7 @@ def nearest(path: Any, T: Array, low: Array, high: Array, weight: float) -> tupl
     k, step = grid.argmin(axis=0), (high - low) / 24.0
     a, b = low + step * np.maximum(k - 1, 0), low + step * np.minimum(k + 1, 24)
     golden = 0.5 * (np.sqrt(5.0) - 1.0)
-    for _ in range(48):
+    for _ in range(60):
         c, d = b - golden * (b - a), a + golden * (b - a)
         left = cost(c) < cost(d)
         a, b = np.where(left, a, c), np.where(left, d, b)
