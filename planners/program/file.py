@@ -363,7 +363,7 @@ class _Reader:
                 raise InvalidInput(
                     "payload_kg",
                     f"{mass:g} on {robot.name}",
-                    "an arm whose masses are known: its file states them, or leave payload_kg out",
+                    "an arm with masses (in its file), or no payload_kg",
                 )
         elif "payload_com_mm" in row:
             raise InvalidInput("payload_com_mm", "a centre of mass without a mass", "payload_kg, too")

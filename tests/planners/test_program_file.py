@@ -186,7 +186,7 @@ MISTAKES = [
     (HEAD.replace('"home"', '"hoem"') + GOOD, "p.toml: start: expected one of: home; got 'hoem'; did you mean home?"),
     (
         HEAD.replace('"ur5e"', '"kr6"').replace("-90, 0]", "10, 0]") + "[[part]]\npayload_kg = 2\n",
-        "[[part]] 1: payload_kg: expected an arm whose masses are known: its file states them, or leave payload_kg out; got 2 on kr6",
+        "[[part]] 1: payload_kg: expected an arm with masses (in its file), or no payload_kg; got 2 on kr6",
     ),
 ]
 PARTS = [
