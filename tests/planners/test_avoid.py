@@ -443,7 +443,7 @@ def test_a_goal_that_is_walled_in_ends_without_a_path_and_without_a_claim_that_t
     ("path", "options", "said"),
     [
         (GOAL, {"scene": None}, "a Scene with the obstacles"),
-        (GOAL, {"scene": 3}, "a Scene; an empty one"),
+        (GOAL, {"scene": 3}, "a Scene, such as"),
         (Line(panda().fk(REST), panda().fk(GOAL)), {}, "planners.free"),
         (GOAL, {"winding": "short"}, '^winding: expected "nearest" or "exact"'),
         (GOAL, {"avoid": "rrt"}, "rrt"),
