@@ -14,7 +14,7 @@ from planners.certificate.projection import PathPositions
 from planners.trajectory import Trajectory
 
 
-class Held(NamedTuple):
+class HeldPose(NamedTuple):
     """Proved bounds on the distance [m] and the angle [rad] between two tools that carry a piece, and the largest values found.
 
     `distance_per_ms` and `angle_per_ms` bound what a millisecond between the clocks of both controllers adds.
@@ -45,7 +45,7 @@ class _Still:
         )
 
 
-def prove_held(chain: Robot, trajectory: Trajectory, speeds: Array) -> Held:
+def prove_held(chain: Robot, trajectory: Trajectory, speeds: Array) -> HeldPose:
     """Return bounds on the pose of the tool of a chain, which is to stay the identity, and on the effect of unequal clocks.
 
     speeds: bounds (2,) on the speeds of the tool that is shifted in time [m/s, rad/s].
@@ -56,4 +56,4 @@ def prove_held(chain: Robot, trajectory: Trajectory, speeds: Array) -> Held:
     path = PieceBounds(np.array([0.0, 1.0]), np.zeros((1, 2, 4)))
     errors = PathErrors(bounds, path, 1.0, still, np.full(2, ERROR_FLOOR), None)
     proved = errors.bound(np.arange(trajectory.knots.size - 1), at, off) + ERROR_ROUNDING
-    return Held(*proved.tolist(), *errors.found.tolist(), *(1e-3 * speeds).tolist())
+    return HeldPose(*proved.tolist(), *errors.found.tolist(), *(1e-3 * speeds).tolist())

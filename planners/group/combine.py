@@ -21,7 +21,7 @@ from planners.certificate.clearance import clearance
 from planners.following.failure import PlanFailure
 from planners.group.limits import PATH, join_member_limits
 from planners.group.result import GroupPlan
-from planners.limits import MotionLimits
+from planners.limits import TOOL_SPEEDS, MotionLimits
 from planners.motion import Motion, PlanStatus
 from planners.motion.motion import HasMotion, get_motion
 from planners.planning.result import judge_certificate
@@ -83,15 +83,20 @@ def combine(
     Raises
     ------
     InvalidInput
-        A motion that does not rest at its ends, or an arm without shapes.
+        A motion that does not rest at its ends, or whose payload or tool changes; an arm without shapes.
+    InvalidMotion
+        A motion whose own certificate is not valid.
     """
     motions = dict(zip(names, (get_motion(one) for one in (first, second)), strict=True))
     for name, motion in motions.items():
         if not all(motion.certificate.rest):
             raise InvalidInput(name, "a motion that does not rest at both ends", "a motion from rest to rest")
+        if len({*getattr(motion.path, "robots", ())}) > 1:
+            raise InvalidInput(name, "a program whose payload or tool changes", "a motion of one arm as it is")
+        motion.check_valid(())
     group = Group({name: motion.robot for name, motion in motions.items()})
     chain, scene = chain_in_scene(group, *names, scene or Scene()), scene or Scene()
-    limits = {name: motion.limits for name, motion in motions.items()} | {PATH: MotionLimits()}
+    limits = {name: _without_segments(motion.limits) for name, motion in motions.items()} | {PATH: MotionLimits()}
     durations, best = [motion.trajectory.duration for motion in motions.values()], None
     for waits in _list_waits(max(durations)):
         end = max(wait + duration for wait, duration in zip(waits, durations, strict=True))
@@ -107,6 +112,13 @@ def combine(
     status, failure = judge_certificate(proof)
     view: Any = ClockView(chain, together, proof, status, failure, dict(zip(names, waits, strict=True)))
     return GroupPlan(group, *names, limits, scene, view, {}, dict(zip(names, moved, strict=True)))
+
+
+def _without_segments(limits: MotionLimits) -> MotionLimits:
+    """Return limits without those of each segment of a path, which the certificate of the member's own motion has."""
+    return limits.select(
+        tuple(name for name in limits.names if name not in TOOL_SPEEDS or not np.ndim(limits.value(name)))
+    )
 
 
 def _list_waits(longest: float) -> Iterator[tuple[float, float]]:

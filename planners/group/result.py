@@ -12,11 +12,12 @@ from typing import Any
 import numpy as np
 
 from optik.arm.group import Group
+from optik.errors import InvalidInput
 from optik.scene import Scene
 from optik.view.page import Page
 from planners.certificate.certificate import Certificate
 from planners.certificate.clearance import Clearance, clearance
-from planners.certificate.held import Held, prove_held
+from planners.certificate.held import HeldPose, prove_held
 from planners.files import save
 from planners.following.failure import PlanFailure
 from planners.limits import DERIVATIVES, MotionLimits
@@ -41,9 +42,9 @@ class GroupPlan:
         The arguments of the plan; limits by member, and of ``"path"`` those along the path.
     frame, tool : str
         The members of the chain: from the tool of the first to that of the second.
-    view : Plan
-        The plan of the chain, whose joints are in its order. The certificate has the limits of all members: ``"arm.torque"`` is
-        judged in the arm's own base.
+    view : Plan, or ClockView
+        The plan of the chain, whose joints are in its order; or its motion, if those of the members were given. The certificate
+        has the limits of all members: ``"arm.torque"`` is judged in the arm's own base.
     paths : mapping of str to Path
         The paths of members that follow one in the world: those that carry a piece.
     given : mapping of str to Motion, optional
@@ -77,7 +78,14 @@ class GroupPlan:
 
     def _repr_html_(self) -> str:
         """Return verdict, peaks and plots for a notebook."""
-        return self.view._repr_html_()
+        return self.view._repr_html_() if isinstance(self.view, Plan) else self.certificate._repr_html_()
+
+    @property
+    def _plan(self) -> Plan:
+        """The plan of the chain; raises InvalidInput for given motions, which have no common path."""
+        if not isinstance(self.view, Plan):
+            raise InvalidInput("plan", "two given motions, without a common path", "one of plan.members, by its name")
+        return self.view
 
     @property
     def status(self) -> PlanStatus:
@@ -97,7 +105,7 @@ class GroupPlan:
     @property
     def motion(self) -> Motion:
         """The motion of the chain, for files and messages; raises `NoSolution` if there is none."""
-        return self.view.motion
+        return self._plan.motion
 
     @property
     def duration(self) -> float:
@@ -144,7 +152,7 @@ class GroupPlan:
         return replace(self.scene, allow=tuple((own, other) for (name, _, own), other in parts if name == member))
 
     @cached_property
-    def held(self) -> Held | None:
+    def held(self) -> HeldPose | None:
         """What is proved of the distance and the angle between two tools that carry a piece; None if they do not."""
         if len(self.paths) < 2:
             return None
@@ -168,11 +176,11 @@ class GroupPlan:
 
     def show(self) -> Page:
         """Show the motion of the tool in its frame: in the cell of a notebook, else in the browser."""
-        return self.view.show()
+        return self._plan.show()
 
     def plot(self) -> Any:
         """Plot the joints over time against their limits, as `Plan.plot`."""
-        return self.view.plot()
+        return self._plan.plot()
 
     def save(self, file: str | os.PathLike[str]) -> None:
         """Save the motion of the chain; `members` save those of each member.
@@ -182,4 +190,4 @@ class GroupPlan:
         file : str or path
             Its suffix chooses the format, as of `planners.save`.
         """
-        save(self.view, file)
+        save(self._plan, file)

@@ -16,7 +16,7 @@ PACKAGES = ("optik", "planners", "benchmarks")
 FILES = sorted(f for package in PACKAGES for f in (REPOSITORY / package).rglob("*.py"))
 MOST_AT_TOP = {"optik": 20, "planners": 19, "benchmarks": 16}
 """Files and folders of a package besides ``__init__.py`` and ``py.typed``."""
-LONGEST_FILE, LONGEST_FUNCTION, MOST_POSITIONAL = 600, 60, 8
+LONGEST_FILE, LONGEST_FUNCTION, MOST_POSITIONAL = 600, 57, 8  # a function without its docstring
 BUILT = {"__pycache__", "_kernels"}
 """Folders that Python and ``make kernels`` write."""
 SUFFIXES = {".py", ".toml", ".typed", ".j2", ".css", ".js"}

@@ -1,6 +1,7 @@
 """Plans of groups: seams on a table, pieces in two hands, one clock; each judged by the members alone and by Pinocchio."""
 
 import itertools
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,9 +10,24 @@ import pytest
 import optik
 import planners
 from optik import Group, JointLimits, Robot, Scene, se3
-from optik.errors import InvalidInput
-from planners import Arc, Line, MotionLimits, Part, Program, certify, combine, free, load_motion, make_law, plan, to_ros
+from optik.errors import InvalidInput, InvalidMotion
+from planners import (
+    Arc,
+    Line,
+    MotionLimits,
+    Part,
+    Plan,
+    Program,
+    certify,
+    combine,
+    free,
+    load_motion,
+    make_law,
+    plan,
+    to_ros,
+)
 from planners.limits import OpenContainer
+from planners.trajectory import cut_after
 from tests.planners.chains import draw_seam
 
 TILT, TURN = np.array([[0, 0, 1, 0], [1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0, 1.0]]), np.pi
@@ -176,22 +192,42 @@ def test_a_bump_of_one_hand_is_within_the_proved_distance() -> None:
         assert most <= held.distance <= 1.06 * most
 
 
-def test_two_arms_on_one_clock_wait_where_it_helps() -> None:
-    arm = optik.load("ur5e").with_limits(**RATES)
+def facing(turn: float, lift: float) -> list[Plan]:
+    """Motions of two arms that face each other and turn through the space between them."""
+    arm, base = optik.load("ur5e").with_limits(**RATES), np.array([np.pi, lift, 1.6, -1.9, -1.57, 0.0])
+    start, goal = base + np.array([turn, 0, 0, 0, 0, 0]), base - np.array([turn, 0, 0, 0, 0, 0])
     other = arm.with_base(se3.pose(se3.exp_so3([0.0, 0.0, np.pi]), [0.8, 0.0, 0.0]))
-    high, low = np.array([np.pi, -1.5, 1.0, -1.0, -1.57, 0.0]), np.array([np.pi + 1.2, -0.8, 1.0, -1.0, -1.57, 0.0])
-    away = np.array([np.pi - 1.2, -0.8, 1.0, -1.0, -1.57, 0.0])
-    each = plan(arm, low, away, scene=Scene()), plan(other, low, away, scene=Scene())
-    assert all(each)
+    return [plan(one, goal, start, scene=Scene()) for one in (arm, other)]
+
+
+def test_two_arms_on_one_clock_wait_where_it_helps() -> None:
+    each = facing(1.0, -1.9)
     both = combine(*each)
-    assert both.certificate.clearance is not None and set(both.members) == {"left", "right"}
+    assert both and both.view.waits["left"] > 0.3 and both.view.waits["right"] == 0.0
+    assert both.clearances["left and right"].proved
     for name, own in zip(("left", "right"), each, strict=True):
-        t = np.linspace(0.0, both.duration, 50)
-        wait = both.view.waits[name]
+        t, wait = np.linspace(0.0, both.duration, 50), both.view.waits[name]
         seen = both.group.split(both.trajectory(t))[name]
         assert seen == pytest.approx(own.trajectory(np.clip(t - wait, 0.0, own.duration)), abs=1e-9)
         assert both.members[name].certificate.is_valid
-    del high
+    with pytest.raises(InvalidInput, match=r"plan\.members"):
+        both.save("both.json")
+
+
+def test_motions_that_meet_or_are_not_valid_are_not_combined() -> None:
+    first, second = facing(0.6, -1.6)
+    both = combine(first, second)
+    assert (
+        not both
+        and both.status == "contact"
+        and {name.split("/")[0] for name in both.certificate.clearance.nearest.pair} == {"left", "right"}
+    )
+    fast = first.with_motion(first.trajectory.stretched(0.5))
+    with pytest.raises(InvalidMotion, match="velocity"):
+        combine(fast.motion, second)
+    moving = replace(first.motion, trajectory=cut_after(first.trajectory, 0.5 * first.duration))
+    with pytest.raises(InvalidInput, match="rest"):
+        combine(moving, second)
 
 
 def test_goals_of_members_are_reached_around_each_other() -> None:
