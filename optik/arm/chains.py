@@ -21,7 +21,7 @@ from optik.types import Array, Indices
 
 HALF_TURN = np.diag([1.0, -1.0, -1.0, 1.0])
 """X: X R_z(q) X = R_z(−q) and X T_z(q) X = T_z(−q), so that a chain turned round keeps the signs of its joints."""
-Place = tuple[int, Array]
+LinkPose = tuple[int, Array]
 """A link of a chain, and the pose (4, 4) of another frame in that of the link [1, m]."""
 Arm = TypeVar("Arm", bound=ArmModel)
 """The class of an arm."""
@@ -82,8 +82,11 @@ def mount_arm(below: Arm, arm: Arm) -> Arm:
     )  # fmt: skip
 
 
-def _place(shapes: Shapes, places: Sequence[Place], prefix: str) -> Shapes:
-    """Return shapes whose link k is on the link and at the pose of places[k], with a prefix and names on one link each."""
+def _place(shapes: Shapes, places: Sequence[LinkPose], prefix: str) -> Shapes:
+    """Return shapes moved to links and poses: those of link k to places[k].
+
+    Names get the prefix. A name of parts of several links gets the number of the link.
+    """
     link = shapes.capsules[0].tolist()
     several = {name for name in shapes.names if len({link[i] for i in shapes.find_capsules(name)}) > 1}
     names = [
@@ -147,7 +150,7 @@ def join_limits(limits: Sequence[JointLimits], orders: Sequence[Indices]) -> dic
 
 
 def _join_motors(arms: Sequence[ArmModel], orders: Sequence[Indices], prefix: Sequence[str]) -> Motors:
-    """Return the motors of the joints of arms; a joint that no motor shares is its own motor."""
+    """Return the motors of the joints of arms; an arm without motors has one for each joint, with the ratio 1."""
     known = [(arm.motors, order) for arm, order in zip(arms, orders, strict=True)]
     blocks = [np.eye(len(o)) if one is None else one.matrix[np.ix_(o, o)] for one, o in known]
     columns = [
@@ -161,7 +164,7 @@ def _join_motors(arms: Sequence[ArmModel], orders: Sequence[Indices], prefix: Se
 
 
 def _join_linkages(arms: Sequence[ArmModel], orders: Sequence[Indices], prefix: Sequence[str]) -> Linkage:
-    """Return the relations of the axes of a chain to its joints; an axis without relation is a joint."""
+    """Return the relations of the axes of a chain to its joints; an arm without relations has the identity."""
     parts, n = [], 0
     for arm, order, add in zip(arms, orders, prefix, strict=True):
         own = arm.linkage or Linkage(np.arange(arm.n), np.ones(arm.n), np.zeros(arm.n), arm.prismatic, arm.joint_names)

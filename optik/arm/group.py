@@ -220,12 +220,12 @@ class Group(ByContent):
         return kept[frame, tool]
 
     def order(self, frame: str, tool: str) -> Indices:
-        """Return which joint of the group each joint of a chain is.
+        """Return the indices in the group of the joints of a chain.
 
         Parameters
         ----------
         frame, tool : str
-            As of `chain`.
+            Names of two members, as in `chain`.
 
         Returns
         -------
@@ -239,7 +239,7 @@ class Group(ByContent):
         self, mass: float, com: ArrayLike = (0.0, 0.0, 0.0), inertia: ArrayLike | None = None, *,
         fraction: tuple[float, float] = (0.4, 0.6),
     ) -> Group:  # fmt: skip
-        """Return the group of two members that carry a body together: the first a part of its mass, the second the other part.
+        """Return the group with a payload that its two members carry together.
 
         Parameters
         ----------
@@ -250,8 +250,8 @@ class Group(ByContent):
         inertia : (3, 3) array, optional
             Its inertia about the centre of mass [kg·m²]; by default a point mass.
         fraction : (2,) tuple of float
-            Smallest and largest part of the mass that the first member carries. Forces by which both press on the body are not
-            counted.
+            Smallest and largest fraction of the mass that the first member carries; the second one carries the remainder.
+            Internal forces, by which both press on the body, are not counted.
 
         Returns
         -------
@@ -263,8 +263,10 @@ class Group(ByContent):
             Not two members, or fractions that are not in order between 0 and 1.
         """
         low, high = (check_number(one, "fraction", "numbers from 0 to 1", least=0.0) for one in fraction)
-        if len(self.members) != 2 or not low <= high <= 1.0:
-            raise InvalidInput("fraction", repr(fraction)[:60], "(smallest, largest) between 0 and 1, for two members")
+        if len(self.members) != 2:
+            raise InvalidInput("group", f"{len(self.members)} members", "two members, which carry the body")
+        if not low <= high <= 1.0:
+            raise InvalidInput("fraction", repr(fraction)[:60], "(smallest, largest) between 0 and 1")
         parts, whole = ((low, high), (1.0 - high, 1.0 - low)), None if inertia is None else np.asarray(inertia)
         return Group({
             name: robot.with_payload((a * mass, b * mass), com, None if whole is None else b * whole)

@@ -1,4 +1,4 @@
-"""A scene as the shapes of one link of a chain: the objects around a group stand on the link that rests in the world."""
+"""A scene as shapes of a chain: the objects are attached to the link that does not move in the world."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def _find_reach(arm: Robot, centre: Array) -> float:
 
 
 def _list_bodies(scene: Scene, centre: Array, reach: float) -> Iterator[Body]:
-    """Yield the objects, enlarged by the margin, as far as they are within reach of a point."""
+    """Yield the parts of objects within reach of a point, enlarged by the margin."""
     names, grow = iter(scene.names), scene.margin
     for T, edges in scene.boxes:
         yield from _clip_box(next(names), T, (-0.5 * edges, 0.5 * edges), centre, reach, grow)
@@ -119,7 +119,7 @@ def _clip_box(
 
 
 def _enclose(name: str, T: Array, points: Array, hulls: list[Hull]) -> Body:
-    """Return the hulls of points (k, 3) in a frame T in a capsule along the longest side of their box there."""
+    """Return a capsule that encloses points (k, 3) in a frame T, with hulls in it."""
     low, high = points.min(axis=0), points.max(axis=0)
     along, middle = np.eye(3)[int(np.argmax(high - low))], 0.5 * (low + high)
     away = (points - middle) * (1.0 - along)

@@ -32,8 +32,8 @@ class HeldPose(NamedTuple):
         return f"{rest}; {1e3 * self.distance_per_ms:.3g} mm and {self.angle_per_ms:.3g} rad more per ms between the clocks"
 
 
-class _Still:
-    """The path of a tool that stays where the other is: each of its positions is the nearest."""
+class _IdentityPath:
+    """The reference path of a relative pose: the identity at every instant, onto which nothing has to be projected."""
 
     asked = "pose"
 
@@ -46,12 +46,12 @@ class _Still:
 
 
 def prove_held(chain: Robot, trajectory: Trajectory, speeds: Array) -> HeldPose:
-    """Return bounds on the pose of the tool of a chain, which is to stay the identity, and on the effect of unequal clocks.
+    """Return bounds on the relative pose error of two tools, and on its growth with the offset of two clocks.
 
-    speeds: bounds (2,) on the speeds of the tool that is shifted in time [m/s, rad/s].
+    The pose of the chain's tool should be the identity. speeds: bounds (2,) on the speed of either tool [m/s, rad/s].
     """
     still: Any
-    bounds, still = MotionBounds(chain, trajectory), _Still()
+    bounds, still = MotionBounds(chain, trajectory), _IdentityPath()
     at, off = compare_with_path(bounds.ends, still.places(bounds.ends, np.empty(0)), "pose")
     path = PieceBounds(np.array([0.0, 1.0]), np.zeros((1, 2, 4)))
     errors = PathErrors(bounds, path, 1.0, still, np.full(2, ERROR_FLOOR), None)

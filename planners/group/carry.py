@@ -32,8 +32,8 @@ CHECKED = 60
 def find_derivatives(robot: Robot, path: Path, joints: JointPath, s: Array) -> tuple[Array, Array]:
     """Return configurations on a path (k, n) and their first three derivatives (k, 3, n) at positions, near a joint path.
 
-    At nodes of the joint path they are its own. Elsewhere those of the spline are corrected onto the path, one order after the
-    other: J δq⁽ᵐ⁾ is what the tool lacks of the path's derivative. This keeps the null-space motion of a redundant arm.
+    At the nodes of the joint path its values are returned. Elsewhere the spline is corrected one order after the other: J δq⁽ᵐ⁾
+    equals the residual of the derivative of order m of the tool. This keeps the null-space motion of a redundant arm.
     """
     place = np.clip(np.searchsorted(joints.nodes, s), 0, len(joints.nodes) - 1)
     same = joints.nodes[place] == s
@@ -68,13 +68,13 @@ def merge_joint_paths(chain: Robot, path: Path, each: Sequence[JointPath]) -> Jo
     return JointPath(chain, curve, s, q, derivatives, IKRecord(still, still, still.astype(np.int64), s))
 
 
-def follow_together(
+def follow_branch_pairs(
     solvers: Sequence[IKSolver], path: Path, chain: Robot, scene: Scene | None, follow: Follow,
     starts: Sequence[Array | None],
 ) -> Iterator[JointPath | FollowResult]:  # fmt: skip
-    """Yield joint paths of the chain for pairs of branches of both arms, that with the least cost first; or why there is none.
+    """Yield joint paths of the chain for pairs of branches of both arms; or the failure of an arm that cannot follow the path.
 
-    Without a scene it is the pair that each arm alone would choose.
+    The first pair is that which each arm alone would choose. In a scene the other pairs follow, those of the least cost first.
     """
     each = []
     for solver, q in zip(solvers, starts, strict=True):

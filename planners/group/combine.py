@@ -1,4 +1,4 @@
-"""combine(): given motions of two arms on one clock, proved apart, with a wait where it helps."""
+"""combine(): two motions on one clock; one of them waits until both are proved collision-free."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ SAME_KNOT = 1e-9
 
 
 @dataclass(frozen=True, repr=False)
-class ClockView:
+class CombinedMotion:
     """The motion of the chain through two members whose own motions were given."""
 
     robot: Robot
@@ -64,12 +64,12 @@ def combine(
     first: Motion | HasMotion, second: Motion | HasMotion, *, scene: Scene | None = None,
     names: tuple[str, str] = ("left", "right"),
 ) -> GroupPlan:  # fmt: skip
-    """Return the given motions of two arms on one clock, with the shortest wait of one of them that is proved collision-free.
+    """Return two motions on one clock, one of them after the shortest tried wait with which both are proved collision-free.
 
     Parameters
     ----------
     first, second : Motion or Plan
-        Motions from rest to rest of arms that are placed in the world by their bases.
+        Motions from rest to rest of arms that are placed in the world by their bases. Errors call them by `names`.
     scene : Scene, optional
         Obstacles in the world. Without one, only the members and their distance are examined.
     names : (2,) tuple of str
@@ -78,7 +78,7 @@ def combine(
     Returns
     -------
     GroupPlan
-        Not solved if no wait helps: then the motion without a wait, and the first contact.
+        If no tried wait works, it is not solved. It then has the motion without a wait, and the first contact.
 
     Raises
     ------
@@ -110,7 +110,7 @@ def combine(
     waits, moved, together = best
     proof = certify(chain, None, together, join_member_limits(group, *names, limits), scene=Scene())
     status, failure = judge_certificate(proof)
-    view: Any = ClockView(chain, together, proof, status, failure, dict(zip(names, waits, strict=True)))
+    view: Any = CombinedMotion(chain, together, proof, status, failure, dict(zip(names, waits, strict=True)))
     return GroupPlan(group, *names, limits, scene, view, {}, dict(zip(names, moved, strict=True)))
 
 

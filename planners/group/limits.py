@@ -26,7 +26,9 @@ def read_member_limits(group: Group, limits: Any) -> dict[str, MotionLimits]:
         raise InvalidInput("limits", repr(limits)[:60], expected)
     given = dict(limits or {})
     for name, value in given.items():
-        if name not in (*group.members, PATH) or not isinstance(value, MotionLimits):
+        if name not in (*group.members, PATH):
+            raise InvalidInput("limits", repr(name)[:60], f"keys out of {', '.join((*group.members, PATH))}")
+        if not isinstance(value, MotionLimits):
             raise InvalidInput(
                 f"limits[{name!r}]", repr(value)[:60], f"MotionLimits of {', '.join(group.members)}, {PATH}"
             )

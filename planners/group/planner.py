@@ -21,7 +21,7 @@ from optik.scene.world import chain_in_scene
 from optik.types import Array
 from planners.certificate.violation import LIMIT_WORDS, check_allow
 from planners.following.follow import FollowResult, make_follower, read_time_limit
-from planners.group.carry import follow_together
+from planners.group.carry import follow_branch_pairs
 from planners.group.limits import PATH, join_member_limits, read_member_limits
 from planners.group.result import GroupPlan
 from planners.limits import TOOL_SPEEDS
@@ -39,14 +39,16 @@ def plan_group(
     group: Group, path: Any, q_start: Any, names: tuple[str | None, Any], limits: Any,
     options: Mapping[str, Any], plan_chain: PlanChain,
 ) -> GroupPlan:  # fmt: skip
-    """Return the plan of a group: along a path in the frame of one member, of a piece that two carry, or to goals of members.
+    """Return the plan of a group.
 
-    names: the member whose tool is the frame of the path, and the one whose tool follows it, or both that carry a piece.
+    path: in the tool frame of a member; or of a workpiece that two members carry; or goals by member. names: the frame and the
+    tool; the tool is a pair of members that carry a workpiece.
     """
     carriers = names[1] if isinstance(names[1], tuple | list) else ()
     frame, tool = _find_chain(group, _check_carriers(group, carriers, names[0]) if carriers else names)
-    if isinstance(path, Mapping) and names != (None, None):
-        raise InvalidInput("tool", repr(names[1]), "none: goals by member have no path")
+    for argument, value in zip(("frame", "tool"), names, strict=True) if isinstance(path, Mapping) else ():
+        if value is not None:
+            raise InvalidInput(argument, repr(value)[:60], "none: goals by member have no path")
     scene, order, by_member = options["scene"], group.order(frame, tool), read_member_limits(group, limits)
     chain = group.chain(frame, tool) if scene is None else chain_in_scene(group, frame, tool, scene)
     start, goal = None if q_start is None else _read_joints(group, q_start), path
@@ -101,7 +103,7 @@ def _carry(
         return make_follower(solver, path, q, branch, options.samples, allowed, None, seconds).run()
 
     plans = []
-    for joints in follow_together(solvers, path, chain, options.scene, follow, starts):
+    for joints in follow_branch_pairs(solvers, path, chain, options.scene, follow, starts):
         if isinstance(joints, FollowResult):
             assert joints.failure is not None
             return request.fail(PlanStatus(joints.failure.status), None, joints.failure)
@@ -122,7 +124,8 @@ def _find_chain(group: Group, names: tuple[str | None, str | None]) -> tuple[str
     if frame is None:
         frame = next((name for name in members if name != tool), WORLD)
     if frame == WORLD:
-        raise InvalidInput("frame", repr(frame), f"a member; in the world plan with group.members[{tool!r}] alone")
+        advice = f"for a path in the world: plan(group.members[{tool!r}], path)"
+        raise InvalidInput("frame", repr(frame), f"a member other than {tool!r}", advice=advice)
     group.chain(frame, tool)
     return frame, tool
 

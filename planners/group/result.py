@@ -41,13 +41,13 @@ class GroupPlan:
     group, limits, scene
         The arguments of the plan; limits by member, and of ``"path"`` those along the path.
     frame, tool : str
-        The members of the chain: from the tool of the first to that of the second.
-    view : Plan, or ClockView
+        The member whose tool is the base of the chain, and the member whose tool is its end.
+    view : Plan, or CombinedMotion
         The plan of the chain, whose joints are in its order; or its motion, if those of the members were given. The certificate
         has the limits of all members: ``"arm.torque"`` is judged in the arm's own base.
     paths : mapping of str to Path
-        The paths of members that follow one in the world: those that carry a piece.
-    given : mapping of str to Motion, optional
+        Paths in the world of the members that carry a workpiece; else empty.
+    member_motions : mapping of str to Motion, optional
         The motions of the members, if they were given (`planners.combine`).
     """
 
@@ -58,7 +58,7 @@ class GroupPlan:
     scene: Scene | None
     view: Plan
     paths: Mapping[str, Path]
-    given: Mapping[str, Motion] | None = None
+    member_motions: Mapping[str, Motion] | None = None
 
     def __bool__(self) -> bool:
         return bool(self.view) and all(motion.certificate.is_valid for motion in self._along.values())
@@ -89,7 +89,7 @@ class GroupPlan:
 
     @property
     def status(self) -> PlanStatus:
-        """How planning ended."""
+        """Status of the plan."""
         return self.view.status
 
     @property
@@ -121,7 +121,11 @@ class GroupPlan:
     @cached_property
     def members(self) -> dict[str, Motion]:
         """The motion of each member with its limits and the scene; raises `NoSolution` if there is no motion."""
-        return dict(self.given) if self.given else {name: self._make_motion(name) for name in self.group.members}
+        return (
+            dict(self.member_motions)
+            if self.member_motions
+            else {name: self._make_motion(name) for name in self.group.members}
+        )
 
     @property
     def _along(self) -> dict[str, Motion]:

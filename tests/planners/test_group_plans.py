@@ -285,7 +285,7 @@ def test_a_program_in_the_frame_of_the_table_is_planned_and_its_members_are_prog
 def test_arguments_of_groups_are_checked() -> None:
     group, seam = welding(), draw_seam(np.random.default_rng(0), 0.7)
     wrong = {
-        "arm or table": {"tool": "torch"}, "alone": {"frame": "world"}, "torch": {"limits": {"torch": MotionLimits()}},
+        "arm or table": {"tool": "torch"}, "other than": {"frame": "world"}, "torch": {"limits": {"torch": MotionLimits()}},
         "tool_speed": {"limits": {"path": MotionLimits(velocity=1.0)}}, "carry": {"tool": ("arm", "arm")},
     }  # fmt: skip
     for word, options in wrong.items():
