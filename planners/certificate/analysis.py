@@ -454,13 +454,13 @@ class MotionAnalysis(LimitedMotion):
 
     def of_member(self, robot: Robot, columns: tuple[int, ...]) -> MotionAnalysis:
         """Return the analysis of the motion of one mechanism, by its joints among those of this motion, computed once."""
-        if columns not in self.members:
+        if (robot, columns) not in self.members:
             moved = map_joints(self.trajectory, np.eye(self.robot.n)[list(columns)])
-            self.members[columns] = MotionAnalysis(robot, moved)
-        return self.members[columns]
+            self.members[robot, columns] = MotionAnalysis(robot, moved)
+        return self.members[robot, columns]
 
     @cached_property
-    def members(self) -> dict[tuple[int, ...], MotionAnalysis]:
+    def members(self) -> dict[tuple[Robot, tuple[int, ...]], MotionAnalysis]:
         """Results of `of_member`."""
         return {}
 
