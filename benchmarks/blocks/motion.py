@@ -10,6 +10,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Annotated, Any
 
+import numpy as np
 import polars as pl
 from pydantic import AfterValidator
 
@@ -19,9 +20,9 @@ from benchmarks.blocks.timing.settings import LimitSet
 from benchmarks.peers.base import Absent
 from benchmarks.peers.pyroboplan_motions import move_by_pyroboplan
 from benchmarks.peers.vamp_search import find_by_vamp
-from benchmarks.problems.motionbench import MotionProblem, read_archive, read_problem, write_problems
+from benchmarks.problems.motionbench import MotionProblem, follow_curobo, read_archive, read_problem, write_problems
 from benchmarks.records import UNKEPT, Journal
-from benchmarks.settings import LISTED, Count, RobotName, key, one_of
+from benchmarks.settings import Count, RobotName, key, one_of
 from optik.arm.library import load
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput, MissingDependency, NoSolution
@@ -42,9 +43,10 @@ from planners.paths.point_to_point import PointToPoint
 from planners.plan import Plan, plan
 from planners.planning.planner import PlanRequest
 from planners.planning.result import judge_certificate
-from planners.search.base import SearchResult, SearchStatus, measure_length
-from planners.search.find import find_path
+from planners.search.base import JointSpace, SearchResult, SearchStatus, measure_length
+from planners.search.find import find_path, list_goals
 from planners.timing import make_law
+from planners.trajectory.trajectory import Trajectory
 
 OURS = "path and time"
 """Label of our plan."""
@@ -61,6 +63,8 @@ OF_OMPL = "OMPL, rounded"
 """Label of the peer whose duration ours is compared with."""
 EQUAL = 1e-6
 """Relative tolerance: a duration counts as longer than the peer's only beyond this fraction."""
+RATE = 1000.0
+"""Rate at which a motion's length, jerk, torques and energy are sampled [Hz]."""
 WHERE = (
     "a tar file of problems, such as resources/panda/problems.tar.bz2 of github.com/KavrakiLab/vamp; "
     "without this key the block generates problems"
@@ -83,6 +87,10 @@ MEASURES = (
     Column("p95_ms", "p95 CPU time", "ms", "less", of=quantile("ms", 0.95)),
     Column("search_ms", "median CPU time of the search", "ms", aside=True, of=quantile("search_ms", 0.5)),
     Column("mean_length", "mean length of the polyline", "rad", aside=True, of=mean("length")),
+    Column("travel", "mean length of the motion", "rad", aside=True, of=mean("travel")),
+    Column("jerk", "median of the largest jerk", "rad/s³", aside=True, of=median("jerk")),
+    Column("torque", "median of the largest torque", "N·m", aside=True, of=median("torque")),
+    Column("energy", "median energy, ∫|τ q̇| dt", "J", aside=True, of=median("energy")),
     Column("rounds", "mean rounds", aside=True, of=mean("rounds")),
 )  # fmt: skip
 """Measures: columns of the table of a block, which its targets can name; of durations, among the proved motions."""
@@ -107,8 +115,13 @@ class MotionBlock(Block):
     )
     count: Count = key("Number of problems, equally many of each kind of scene.")
     grasping: tuple[str, ...] = key("Parts of the arm that may touch the object at the goal.", ())
+    rules: Annotated[str, one_of("archive", "curobo")] = key(
+        "`archive`: start and goal of the file. `curobo`: cuRobo's start, the pose of the tool at the file's goal, cylinders of "
+        "10 mm in place of 30 mm, and a stand under the arm.", "archive",
+    )  # fmt: skip
+    masses: str = key("Arm with the same joints whose masses give torques and energy; by default the arm itself.", "")
     limits: LimitSet = key("Limits of the motions, as in `[[timing]]`.")
-    peers: Annotated[tuple[Annotated[str, one_of(*ROUNDED, PYROBOPLAN)], ...], LISTED] = key(
+    peers: tuple[Annotated[str, one_of(*ROUNDED, PYROBOPLAN)], ...] = key(
         "Searches whose polylines are rounded and timed: `own, rounded`, `OMPL, rounded`, `OMPL, toppra`, `VAMP, rounded`; "
         "and `pyroboplan`.", tuple(ROUNDED)[:3],
     )  # fmt: skip
@@ -133,7 +146,9 @@ class MotionBlock(Block):
             for at in read_archive(file):
                 of_kinds.setdefault(at[0], []).append(at)
             chosen = [at for turn in zip_longest(*of_kinds.values()) for at in turn if at][: self.count]
-            return [(kind, n, read_problem(file, kind, n, robot, self.grasping)) for kind, n in chosen]
+            found = [(kind, n, read_problem(file, kind, n, robot, self.grasping)) for kind, n in chosen]
+        of_rules = {"archive": lambda _robot, problem: problem, "curobo": follow_curobo}[self.rules]
+        return [(kind, n, of_rules(robot, problem)) for kind, n, problem in found]
 
 
 # ---------------------------------------------------------------- problems
@@ -141,7 +156,12 @@ class MotionBlock(Block):
 
 def find_touching_end(robot: Robot, problem: MotionProblem) -> str:
     """Return the reason if the start or the goal is in collision or outside the limits, else an empty string."""
-    for which, q in (("start", problem.start), ("goal", problem.goal)):
+    ends = [("start", problem.start)]
+    if problem.goal.ndim == 1:
+        ends.append(("goal", problem.goal))
+    elif not len(list_goals(JointSpace(robot, problem.scene), problem.start, problem.goal, "exact")[0]):
+        return "no configuration of the goal is free"
+    for which, q in ends:
         if not robot.limits.contains(q):
             return f"the {which} is outside the joint limits"
         if (near := find_contact(robot, problem.scene, q)).room <= 0.0:
@@ -149,12 +169,11 @@ def find_touching_end(robot: Robot, problem: MotionProblem) -> str:
     return ""
 
 
-def time_rounded(
-    robot: Robot, limits: MotionLimits, scene: Scene, ends: tuple[Array, Array], found: SearchResult, law: str
-) -> Plan | None:
+def time_rounded(robot: Robot, limits: MotionLimits, scene: Scene, found: SearchResult, law: str) -> Plan | None:
     """Return the certified motion of a law along the polyline of a search with rounded corners; None if the law finds none."""
     if law == "toppra":
         limits = MotionLimits(limits.velocity, limits.acceleration)
+    ends = found.vertices[0], found.vertices[-1]
     path, made = round_legs(PointToPoint(robot, *ends), [found.vertices], scene), make_law(law)
     joints = follow(get_solver(robot, "lm"), path).joint_path
     if joints is None:
@@ -167,7 +186,7 @@ def time_rounded(
     return request.certify_motion(joints, motion.trajectory, 1.0, motion)
 
 
-def _judge(made: Plan | None, ms: float) -> dict[str, Any]:
+def _judge(made: Plan | None, ms: float, heavy: Robot) -> dict[str, Any]:
     """Return the columns of a row that describe a plan."""
     if made is None:
         return {"status": "timing_infeasible", "ms": ms, "solved": False}
@@ -175,7 +194,19 @@ def _judge(made: Plan | None, ms: float) -> dict[str, Any]:
     row["reason"] = "" if made.failure is None else made.failure.reason
     if made.has_motion:
         row |= _judge_proof(made.certificate)
-    return row | {"duration": made.trajectory.duration if made else None}
+    return row | (_measure_motion(made.trajectory, heavy) if made else {"duration": None})
+
+
+def _measure_motion(motion: Trajectory, heavy: Robot) -> dict[str, Any]:
+    """Return duration, length in joint space and largest jerk; of an arm with masses, largest torque and mechanical energy."""
+    t = np.linspace(0.0, motion.duration, 1 + round(RATE * motion.duration))
+    v, step = motion(t, 1), motion.duration / (len(t) - 1)
+    row = {"duration": motion.duration, "travel": float(np.linalg.norm(v, axis=1).sum() * step)}
+    row["jerk"] = float(np.abs(motion(t, 3)).max())
+    if heavy.inertia is not None:
+        torques = heavy.torques(motion(t), v, motion(t, 2))
+        row |= {"torque": float(np.abs(torques).max()), "energy": float(np.abs(torques * v).sum() * step)}
+    return row
 
 
 def _judge_proof(proof: Certificate) -> dict[str, Any]:
@@ -203,6 +234,8 @@ def find_polyline(robot: Robot, scene: Scene, ends: tuple[Array, Array], search:
     """Return the polyline of a search. Edges of our search and of OMPL are proved; those of VAMP are sampled."""
     if search != "vamp":
         return find_path(robot, *ends, scene=scene, search=search, winding="exact")
+    if ends[1].ndim == 2:
+        raise Absent("VAMP takes goals in joint space")
     try:
         return find_by_vamp(robot, scene, ends)
     except NoSolution as error:
@@ -213,7 +246,7 @@ def solve_by_all(
     block: MotionBlock, robot: Robot, limits: MotionLimits, problem: MotionProblem, journal: Journal = UNKEPT
 ) -> Iterator[tuple[str, dict[str, Any]]]:
     """Yield label and row of our plan and of each peer whose package is installed, with the peer at work in a journal."""
-    scene, ends = problem.scene, (problem.start, problem.goal)
+    scene, ends, heavy = problem.scene, (problem.start, problem.goal), load(block.masses) if block.masses else robot
     searches: dict[str, tuple[SearchResult, dict[str, Any]]] = {}
     row: dict[str, Any]
     for name in ("rrt_connect", *dict.fromkeys(ROUNDED[label][0] for label in block.peers if label in ROUNDED)):
@@ -230,7 +263,7 @@ def solve_by_all(
     route, row = searches["rrt_connect"]
     begin = time.process_time()
     motion = plan(robot, ends[1], ends[0], limits=limits, scene=scene, avoid=True, winding="exact")
-    ours = row | _judge(motion, 1e3 * (time.process_time() - begin))
+    ours = row | _judge(motion, 1e3 * (time.process_time() - begin), heavy)
     if route:
         moves = [plan(robot, JointLine(robot, a, b), a, limits=limits) for a, b in pairwise(route.vertices)]
         ours["stops"] = sum(one.trajectory.duration for one in moves) if all(moves) else None
@@ -241,18 +274,18 @@ def solve_by_all(
         ):
             yield label, METHOD().lost(reason=why)
             continue
-        if label == PYROBOPLAN:
+        if label == PYROBOPLAN and ends[1].ndim == 1:
             with suppress(Absent):
                 yield label, solve_by_pyroboplan(robot, limits, problem)
             continue
-        search, law = ROUNDED[label]
+        search, law = ROUNDED.get(label, ("", ""))
         if search not in searches:
             continue
         route, row = searches[search]
         begin = time.process_time()
         if route:
-            timed = time_rounded(robot, limits, scene, ends, route, law)
-            row = row | _judge(timed, row["search_ms"] + 1e3 * (time.process_time() - begin))
+            timed = time_rounded(robot, limits, scene, route, law)
+            row = row | _judge(timed, row["search_ms"] + 1e3 * (time.process_time() - begin), heavy)
         yield label, {"solved": False} | row
 
 
@@ -267,6 +300,7 @@ FIELDS = {
     "edges": WHOLE, "search_ms": NUMBER,
     "ms": Field(pl.Float64, None, "CPU time of a plan", "ms", "less", only="solved", clock="cpu"), "rounds": WHOLE,
     "duration": Field(pl.Float64, None, "duration", "s", "less", only="solved"), "stops": NUMBER,
+    **fields_of(NUMBER, "travel jerk torque energy"),
     "solved": Field(pl.Boolean, False, "motions solved", "%", "more", exact=True), **fields_of(TRUTH, "contact exceeded"),
 }  # fmt: skip
 """Fields of the rows: duration is that of a solved motion; contact and exceeded are those of any motion that was returned."""

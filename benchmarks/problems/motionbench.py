@@ -43,8 +43,13 @@ READ_PARTS = "joint_state of start_state, and joint_constraints of goal_constrai
 """Parts of a request that are read."""
 
 
+CUROBO_START = (0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785)
+CUROBO_RADII, STAND = {0.03: 0.01}, ((-0.05, 0.0, -0.4), (0.3, 0.25, 0.8))
+"""cuRobo's start of the Panda [rad], its radii of cylinders by the archive's, centre and edges of the box that it adds [m]."""
+
+
 class MotionProblem(NamedTuple):
-    """Obstacles, start and goal of a motion, and whether one of them was moved onto a rounded joint limit."""
+    """Obstacles, start and goal (joints or a pose) of a motion, and whether one end was moved onto a rounded joint limit."""
 
     scene: Scene
     start: Array
@@ -97,6 +102,17 @@ def read_problem(
             break
         scene = replace(scene, allow=(*scene.allow, *((part, near.pair[1]) for part in grasping)))
     return MotionProblem(scene, start, goal, moved)
+
+
+def follow_curobo(robot: Robot, problem: MotionProblem) -> MotionProblem:
+    """Return the problem by the rules of cuRobo's evaluation: a start, a goal pose, thinner cylinders, and a stand."""
+    scene, at, before = problem.scene, np.eye(4), len(problem.scene.boxes)
+    at[:3, 3] = STAND[0]
+    cylinders = tuple((a, b, CUROBO_RADII.get(round(float(radius), 6), radius)) for a, b, radius in scene.cylinders)
+    names = (*scene.names[:before], "stand", *scene.names[before:])
+    boxes = (*scene.boxes, (at, np.array(STAND[1])))  # the base touches it, and neither moves
+    scene = replace(scene, boxes=boxes, cylinders=cylinders, names=names, excess=0.0)
+    return MotionProblem(scene, np.array(CUROBO_START), robot.fk(problem.goal))
 
 
 def _read_ends(request: Any, robot: Robot) -> Iterator[Array]:

@@ -38,6 +38,7 @@ from tests.outside import hide
 from tests.planners.contacts import Oracle
 
 pytest.importorskip("yaml")
+JOINT_GOALS = ("VAMP, rounded", "pyroboplan")
 SUITE = """
 seed = 26
 [[motion]]
@@ -143,13 +144,33 @@ def test_a_motion_in_contact_or_over_a_limit_is_counted_and_has_no_duration() ->
     goal = start + np.array([0.9, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
     middle, limits = robot.fk(start + 0.5 * (goal - start))[:3, 3], MotionLimits(2.0, 10.0, 100.0)
     straight = find_path(robot, start, goal, scene=Scene(), paths=1)
-    made = motion.time_rounded(robot, limits, Scene(spheres=[(middle, 0.05)]), (start, goal), straight, "optimal")
-    row = motion._judge(made, 1.0)
+    made = motion.time_rounded(robot, limits, Scene(spheres=[(middle, 0.05)]), straight, "optimal")
+    row = motion._judge(made, 1.0, robot)
     assert row["contact"] and not row["exceeded"] and not row["solved"] and row["duration"] is None
     fast = plan(robot, JointLine(robot, start, goal), start, limits=limits, timing="quintic", scene=Scene())
-    row = motion._judge(fast, 1.0)
+    row = motion._judge(fast, 1.0, robot)
     assert row["exceeded"] and not row["contact"] and not row["solved"] and row["duration"] is None
-    assert motion._judge(None, 1.0)["status"] == "timing_infeasible"
+    assert motion._judge(None, 1.0, robot)["status"] == "timing_infeasible"
+
+
+def test_a_goal_pose_is_planned_and_its_motion_measured_and_peers_that_need_joints_have_no_row(suite: Suite) -> None:
+    robot, block = (
+        optik.load("panda_hand"),
+        suite.of("motion")[0].model_copy(update={"rules": "curobo", "peers": ("own, rounded", *JOINT_GOALS)}),
+    )
+    problem = block.read_problems(robot, 26)[0][2]
+    assert problem.goal.shape == (4, 4) and not motion.find_touching_end(robot, problem)
+    limits = MotionLimits(2.0, 10.0, 100.0)
+    rows = dict(motion.solve_by_all(block, robot, limits, problem))
+    assert list(rows) == [OURS, "own, rounded"] and rows[OURS]["solved"]
+    made = plan(robot, problem.goal, problem.start, limits=limits, scene=problem.scene, avoid=True, winding="exact")
+    q, t = made.trajectory, np.linspace(0.0, made.trajectory.duration, 20_001)
+    length, power = (
+        np.linalg.norm(np.diff(q(t), axis=0), axis=1).sum(),
+        np.abs(robot.torques(q(t), q(t, 1), q(t, 2)) * q(t, 1)),
+    )
+    assert abs(rows[OURS]["travel"] - length) <= 2e-3 * length
+    assert abs(rows[OURS]["energy"] - np.trapezoid(power.sum(1), t)) <= 2e-3 * rows[OURS]["energy"]
 
 
 def test_peers_without_their_packages_have_no_rows(

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 import optik
-from benchmarks.problems.motionbench import END_ROOM, read_archive, read_problem, write_problems
+from benchmarks.problems.motionbench import END_ROOM, follow_curobo, read_archive, read_problem, write_problems
 from optik import JointLimits, Robot
 from optik.errors import InvalidInput
-from optik.scene.contact import find_nearest_pairs
+from optik.scene.contact import find_contact, find_nearest_pairs
 from planners import find_path
 from tests.planners.contacts import Oracle
 
@@ -103,6 +103,23 @@ def test_the_grasped_object_may_be_touched_by_the_hand_alone(tmp_path: Path, rob
     assert read_problem(made, "table_pick", 7, robot).scene.allow == (("other_link", "cup"),)
     made = write(tmp_path / "base.tar", scene=SCENE % (0.0, 0.0, 0.1), request=request)  # touched by the base
     assert not read_problem(made, "table_pick", 7, robot, GRASPING).scene.allow
+
+
+def test_the_rules_of_curobo_change_start_goal_cylinders_and_add_a_stand(tmp_path: Path, robot: Robot) -> None:
+    goal = np.array([0.9, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
+    joints = ", ".join(
+        f"{{joint_name: {name}, position: {q}}}" for name, q in zip(robot.joint_names, goal, strict=True)
+    )
+    request = REQUEST % (", ".join(robot.joint_names), [0.5] * 7, joints)
+    scene = SCENE.replace("0.02]", "0.03]") % (0.6, 0.0, 0.3)
+    before = read_problem(write(tmp_path / "can.tar", scene=scene, request=request), "table_pick", 7, robot, GRASPING)
+    after = follow_curobo(robot, before)
+    assert before.scene.cylinders[0][2] == 0.03 and after.scene.cylinders[0][2] == 0.01
+    assert after.scene.names == ("stand", "cup") and np.array_equal(after.scene.boxes[0][1], [0.3, 0.25, 0.8])
+    assert np.array_equal(after.goal, robot.fk(goal)) and after.start[1] == -0.785
+    found = find_path(robot, after.start, after.goal, scene=after.scene, paths=1)
+    assert found and np.abs(robot.fk(found.vertices[-1]) - after.goal).max() <= 1e-6
+    assert find_contact(robot, *after[:2]).room > 0.0
 
 
 def test_ends_beyond_a_printed_limit_by_its_rounding_are_moved_onto_it(tmp_path: Path, robot: Robot) -> None:

@@ -102,7 +102,9 @@ def judge(rows: list[Row]) -> list[Value]:
     mine, theirs = (float(np.median([row[key] for row in rows])) for key in ("us", "random_us"))
     return [
         Value("goals solved", "≥ 1,991 of 2,000", f"{solved} of {len(rows)}", solved >= least),
-        Value("random goals solved", "all", f"{sum(row['random'] for row in rows)}", all(row["random"] for row in rows)),
+        Value(
+            "random goals solved", "all", f"{sum(row['random'] for row in rows)}", all(row["random"] for row in rows)
+        ),
         Value("median time over that of random goals", "≤ 1.0", f"{mine / theirs:.2f} ({mine:.1f} µs)", mine <= theirs),
     ]
 

@@ -67,7 +67,7 @@ def round_and_time(
         found = find_polyline(robot, scene, ends, search)
     except (MissingDependency, Absent):
         return None
-    return time_rounded(robot, limits, scene, ends, found, law) if found else None
+    return time_rounded(robot, limits, scene, found, law) if found else None
 
 
 def sample(robot: Robot, limits: MotionLimits, scene: Scene, motion: Trajectory) -> Row:

@@ -29,7 +29,15 @@ from tests.figures.figure import Row, Value, main
 from tests.planners.contacts import instants
 
 FACTORS = {"light": 0.97, "heavy": 1.03}
-ROTORS = (8.03, 11.99620246153036, 9.002542786175152, 11.58064393167063, 8.466504091791412, 8.853706937374243, 8.858730366468532)
+ROTORS = (
+    8.03,
+    11.99620246153036,
+    9.002542786175152,
+    11.58064393167063,
+    8.466504091791412,
+    8.853706937374243,
+    8.858730366468532,
+)
 VELOCITY = (1.3963,) * 4 + (1.2218,) * 3
 TORQUE = (56.7,) * 4 + (29.4,) * 3
 ACCELERATION, JERK = 5.0, 50.0
@@ -59,7 +67,9 @@ def arm(factor: float = 1.0) -> Robot:
 @cache
 def limits() -> MotionLimits:
     """The limits, with the torques of both ends of the masses."""
-    of_factor = {f"{name}.torque": MemberValue(arm(f), tuple(range(7)), np.array(TORQUE)) for name, f in FACTORS.items()}
+    of_factor = {
+        f"{name}.torque": MemberValue(arm(f), tuple(range(7)), np.array(TORQUE)) for name, f in FACTORS.items()
+    }
     return MotionLimits(np.array(VELOCITY), ACCELERATION, JERK, extra=of_factor)
 
 
@@ -105,7 +115,9 @@ class Meshes:
 
         file, self.pin = str(urdf()), pin
         self.model = pin.buildModelFromUrdf(file)
-        self.geometry = pin.buildGeomFromUrdf(self.model, file, pin.GeometryType.COLLISION, package_dirs=[str(urdf().parent)])
+        self.geometry = pin.buildGeomFromUrdf(
+            self.model, file, pin.GeometryType.COLLISION, package_dirs=[str(urdf().parent)]
+        )
         links = list(range(self.geometry.ngeoms))
         for number, (T, edges) in enumerate(scene.boxes):
             box = pin.GeometryObject(f"box{number}", 0, pin.SE3(T), coal.Box(*map(float, edges)))
@@ -119,7 +131,9 @@ class Meshes:
 
     def touches(self, q: Array) -> bool:
         """Whether anything is in contact at one configuration."""
-        parts = [[np.cos(x), np.sin(x)] if joint.nq == 2 else [x] for x, joint in zip(q, self.model.joints[1:], strict=True)]
+        parts = [
+            [np.cos(x), np.sin(x)] if joint.nq == 2 else [x] for x, joint in zip(q, self.model.joints[1:], strict=True)
+        ]
         full = np.concatenate(parts)
         return bool(self.pin.computeCollisions(self.model, self.data, self.geometry, self.found, full, True))
 
@@ -129,7 +143,9 @@ def sample(scene: Scene, motion: Trajectory) -> Row:
     t = instants(motion, 1000.0)
     meshes, q = Meshes(scene), motion(t)
     others = [oracles.PinocchioDynamics(arm(f)) for f in np.linspace(*FACTORS.values(), 7)]
-    ratios = [np.abs(other.torques(motion(x), motion(x, 1), motion(x, 2))) / TORQUE for x in t[::10] for other in others]
+    ratios = [
+        np.abs(other.torques(motion(x), motion(x, 1), motion(x, 2))) / TORQUE for x in t[::10] for other in others
+    ]
     speed = float(np.abs(motion(t, 1) / VELOCITY).max())
     return {"contacts": sum(map(meshes.touches, q)), "torque": float(np.max(ratios)), "speed": speed}
 
