@@ -116,7 +116,7 @@ class MotionBlock(Block):
     count: Count = key("Number of problems, equally many of each kind of scene.")
     grasping: tuple[str, ...] = key("Parts of the arm that may touch the object at the goal.", ())
     rules: Annotated[str, one_of("archive", "curobo")] = key(
-        "`archive`: start and goal of the file. `curobo`: cuRobo's start, the pose of the tool at the file's goal, cylinders of "
+        "`archive`: start and goal of the file. `curobo`: cuRobo's start, the pose of the tool at the goal, cylinders of "
         "10 mm in place of 30 mm, and a stand under the arm.", "archive",
     )  # fmt: skip
     masses: str = key("Arm with the same joints whose masses give torques and energy; by default the arm itself.", "")
