@@ -35,7 +35,7 @@ newest: $(VENV)/.dev
 
 on-newest:
 	$(NEWEST) -m venv .venv-newest
-	for extra in tests closed-form distributed shapes sim robots ros2 peers; do \
+	for extra in tests closed-form shapes sim robots ros2 peers; do \
 	  .venv-newest/bin/python -m pip install --quiet --only-binary=:all: -e ".[$$extra]" || echo "skipped: pip cannot install $$extra for $(NEWEST)"; \
 	done
 	.venv-newest/bin/python -m pytest -n auto --dist loadfile --durations=40
