@@ -32,12 +32,12 @@ budgets = [1, 3, 10, 30]
 options = { count = 6250 }
 methods = [{ solver = "dls", label = "dls 0.01", options = { damping = 0.01 } }, { solver = "dls" }]
 """
-"""Of iteration budgets 50,000 records in 25 parts."""
+"""Of iteration budgets 50,000 records in 26 parts."""
 
 KILLS, INTERRUPTS = 10, 3
 """How often it is stopped."""
 
-TABLES = 1 + 25
+TABLES = 1 + 26
 """Of problem sets, and of iteration budgets."""
 
 

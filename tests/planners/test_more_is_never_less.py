@@ -201,7 +201,7 @@ def test_a_start_keeps_its_own_turn(case: int) -> None:
     assert found, found
     np.testing.assert_allclose(found.trajectory(0.0), q, atol=1e-8)
     turned = found.path.coordinates(np.zeros(1))[0, 0, 0]  # type: ignore[attr-defined]
-    assert abs(turned) == pytest.approx(off, abs=1e-6) and off > 0.1
+    assert abs(turned) == pytest.approx(off, abs=1e-6) and off > 0.01
 
 
 def test_a_turn_beyond_its_range_is_named_with_its_angle() -> None:
