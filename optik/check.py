@@ -7,7 +7,7 @@ import re
 import sys
 from collections.abc import Callable, Iterable
 from functools import wraps
-from inspect import CO_VARKEYWORDS
+from inspect import CO_VARKEYWORDS, signature
 from typing import Any, TypeVar
 
 import numpy as np
@@ -71,7 +71,15 @@ def check_keywords(function: Callable_) -> Callable_:
             raise UnknownName(
                 f"argument of {function.__name__}()", word, names, similar=[example[1]] if example else typed
             )
-        return start(*args, **given)
+        try:
+            return start(*args, **given)
+        except TypeError:
+            try:
+                signature(start).bind(*args, **given)
+            except TypeError as error:
+                order = ", ".join(name for name in known if name != "self")
+                raise TypeError(f"{function.__name__}(): {error}; arguments: {order}") from None
+            raise
 
     if kinds:
         return function

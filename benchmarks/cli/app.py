@@ -17,7 +17,7 @@ from benchmarks.cli import paths
 from benchmarks.cli.bench import CheckCommand, ListCommand, NewCommand
 from benchmarks.cli.cell import CellCommand
 from benchmarks.cli.certify import CertifyCommand
-from benchmarks.cli.command import UsageError, add_command, err_console, name_options, translate
+from benchmarks.cli.command import OPTIONS, UsageError, add_command, err_console, name_options, translate
 from benchmarks.cli.installation import DoctorCommand, KernelsCommand, PeerCommand
 from benchmarks.cli.motion import DriveCommand, StreamCommand, ViewCommand
 from benchmarks.cli.robot import FkCommand, IkCommand, RobotsCommand
@@ -144,7 +144,12 @@ def _end_usage(error: Any) -> None:
     if type(error).__name__ == "NoArgsIsHelpError":
         error.show()
         sys.exit(2)
-    words = " ".join(error.format_message().split()).removesuffix(".").replace("'?", "'")
+    words, name = (
+        " ".join(error.format_message().split()).removesuffix(".").replace("'?", "'"),
+        getattr(error, "option_name", ""),
+    )
+    if name in OPTIONS.values():
+        words = f"{name} comes after the command: {command} {next(iter(error.ctx.command.commands))} {name} …"
     _end(f"error: {words}; for help: {command} --help", 2)
 
 

@@ -27,7 +27,7 @@ from optik.arm.model import unit_factors
 from optik.arm.motors import from_maker, maker_joints
 from optik.arm.urdf import TIP_ADVICE
 from optik.errors import InvalidInput, OptikError, RobotModelError, UnknownName
-from optik.plugins.files import is_path
+from optik.plugins.files import is_path, split_links
 from optik.registry import data_file, names, short_name
 
 # ---------------- errors of the parser as one line
@@ -40,6 +40,11 @@ VALUES = {float: "a number", int: "a whole number"}
 """Values of options by their type, for messages."""
 
 
+GOALS = ("--move", "--to", "--to-deg", "--waypoints", "--xyz")
+MEANT = {name: GOALS for name in ("--goal", "--target", "--pose", "--position", "--end")}
+"""Options that are not spelled like what is often typed for them."""
+
+
 def describe_usage(error: Any, context: Any, words: Sequence[str], kind: type) -> OptikError:
     """Return the parser's error about the words of a command as one of ours; `kind` is the class of the command."""
     name, param = str(getattr(error, "option_name", "") or ""), getattr(error, "param", None)
@@ -47,7 +52,8 @@ def describe_usage(error: Any, context: Any, words: Sequence[str], kind: type) -
     options = {typed: p for p in context.command.params for typed in (*p.opts, *p.secondary_opts)}
     if name and name not in options:
         long = [each for each in options if each.startswith("--")]
-        near = [each for each in long if each.startswith(name)][:3] or get_close_matches(name, long, n=2)
+        near = [each for each in long if each.startswith(name) or each in MEANT.get(name, ())][:3]
+        near = near or get_close_matches(name, long, n=2)
         meant = f"did you mean {' or '.join(near)}? " if near else ""
         return OptikError(f"unknown option {name}; {meant}{context.command_path} --help lists the options")
     if name:
@@ -60,7 +66,10 @@ def describe_usage(error: Any, context: Any, words: Sequence[str], kind: type) -
         extra = context.command.make_parser(context).parse_args(list(words))[1]
         beside = f", and unexpected argument {extra[0]}" if extra else ""
         return OptikError(f"{named} is missing{beside}{example}")
-    return InvalidInput(named, repr(typed), _describe_values(kind, param.name))
+    advice = (
+        "--limits joint_limits.yaml has one for each joint" if "," in typed and param.name in LIMIT_EXAMPLES else ""
+    )
+    return InvalidInput(named, repr(typed), _describe_values(kind, param.name), advice=advice)
 
 
 def _find_value(names: Sequence[str], words: Sequence[str]) -> str | None:
@@ -107,7 +116,8 @@ PHRASES = {
     "elbow=True in planners.free": "--free elbow",
     "optik.solve_ik with closest=True": "optik ik --closest",
     "with_limits sets them": "only <limit> is read", "with_limits(torque=None)": "--torque none",
-    "with_limits(velocity=)": "--velocity", ", or shapes.with_apart": "", ", or shapes.with_part": "",
+    "with_limits(velocity=)": "--velocity", ", or shapes.with_apart": "", "a longer ramp= (at most 0.5); ": "",
+    "load_limits reads": "--limits reads",
 }  # fmt: skip
 """Further words of the library, and what is typed instead."""
 
@@ -130,7 +140,7 @@ def name_options(words: str) -> str:
     """Return a message with options in place of Python arguments, such as --tip tool0 for tip='tool0'."""
 
     def join(match: re.Match[str]) -> str:
-        option, value = OPTIONS.get(ARGUMENTS.get(match[1], match[1]), ""), match[2]
+        option, value = OPTIONS.get(match[1], OPTIONS.get(ARGUMENTS.get(match[1], ""), "")), match[2]
         if not option.startswith("--") or option in ("--free", "--limit", "--set"):  # these are followed by NAME=VALUE
             return match[0]
         if value.startswith("{"):
@@ -532,6 +542,14 @@ def join_options(limits: Sequence[str], with_values: bool) -> str:
         if with_values
         else ", ".join(f"--{name}" for name in limits)
     )
+
+
+def advise_shapes(robot: str) -> str:
+    """Return how to read the collision shapes of a robot's description; empty for other files."""
+    if not split_links(robot)[0].lower().endswith((".urdf", ".xml", ".xacro")):
+        return ""
+    typed = f"'{robot}{'&' if '#' in robot else '#'}shapes=yes'"
+    return f"{typed} reads shapes from <collision> (package://: --package-dir FOLDER)"
 
 
 def print_json(data: Any) -> None:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import Any, ClassVar
 
 import numpy as np
 
 from optik.check import check_number
-from optik.errors import InvalidInput
+from optik.errors import AssumptionWarning, InvalidInput
 
 Bounds = tuple[float, float]
 """Least and greatest value of each coordinate of a freedom; the greatest is the radius of a disc for `Freedom.round`."""
@@ -70,6 +71,9 @@ class Freedom:
         most = check_number(value, self.name, allowed, above=0.0)
         if self.round and self.unit == "rad" and most > np.pi:
             raise InvalidInput(self.name, most, "at most π", unit="rad")
+        if self.unit == "rad" and most > 4.0 * np.pi:
+            words = f"{self.name}: {most:.4g} rad is {most / (2.0 * np.pi):.3g} full turns: are these degrees?"
+            warnings.warn(words, AssumptionWarning, stacklevel=4)
         return -most, most
 
 
