@@ -77,8 +77,8 @@ def check_keywords(function: Callable_) -> Callable_:
             try:
                 signature(start).bind(*args, **given)
             except TypeError as error:
-                order = ", ".join(name for name in known if name != "self")
-                raise TypeError(f"{function.__name__}(): {error}; arguments: {order}") from None
+                order = ", ".join([name for name in known if name != "self"][:4])
+                raise TypeError(f"{function.__name__}(): {error}; the arguments begin with {order}") from None
             raise
 
     if kinds:

@@ -153,7 +153,7 @@ class UnknownName(OptikError, LookupError):
 
         spelled = {each.lower(): each for each in self.known}
         typed = str(name).lower()
-        close = [typed] if typed in spelled else get_close_matches(typed, spelled, n=3, cutoff=0.4)
+        close = [typed] if typed in spelled else get_close_matches(typed, spelled, n=3, cutoff=0.45)
         close = close or [each for each in spelled if typed and each.startswith(typed)]
         self.nearest = tuple(similar) or tuple(spelled[each] for each in close)
         hint = f"did you mean {' or '.join(self.nearest)}?" if self.nearest else ""

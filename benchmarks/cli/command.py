@@ -41,7 +41,7 @@ VALUES = {float: "a number", int: "a whole number"}
 
 
 GOALS = ("--move", "--to", "--to-deg", "--waypoints", "--xyz")
-MEANT = {name: GOALS for name in ("--goal", "--target", "--pose", "--position", "--end")}
+MEANT = {name: GOALS for name in ("--goal", "--target", "--pose", "--position", "--end")} | {"--drive": ("--on",)}
 """Options that are not spelled like what is often typed for them."""
 
 
@@ -53,7 +53,7 @@ def describe_usage(error: Any, context: Any, words: Sequence[str], kind: type) -
     if name and name not in options:
         long = [each for each in options if each.startswith("--")]
         near = [each for each in long if each.startswith(name) or each in MEANT.get(name, ())][:3]
-        near = near or get_close_matches(name, long, n=2)
+        near = near or [f"--{each}" for each in get_close_matches(name[2:], [each[2:] for each in long], n=2)]
         meant = f"did you mean {' or '.join(near)}? " if near else ""
         return OptikError(f"unknown option {name}; {meant}{context.command_path} --help lists the options")
     if name:
@@ -91,6 +91,7 @@ def _describe_values(kind: Any, name: str) -> str:
             return f"one of: {', '.join(str(member.value) for member in part)}"
     (info,) = (each.metadata["typer"] for each in fields(kind) if each.name == name)
     least = "" if info.min is None else f" of at least {info.min:g}"
+    least += "".join(re.findall(r" \[[^]]+\]", info.help or "")[:1])
     return next((words for part, words in VALUES.items() if part in parts), "another value") + least
 
 
@@ -117,7 +118,7 @@ PHRASES = {
     "optik.solve_ik with closest=True": "optik ik --closest",
     "with_limits sets them": "only <limit> is read", "with_limits(torque=None)": "--torque none",
     "with_limits(velocity=)": "--velocity", ", or shapes.with_apart": "", "a longer ramp= (at most 0.5); ": "",
-    "load_limits reads": "--limits reads",
+    "load_limits reads": "--limits reads", "a `planners.Program`": "`optik plan program`",
 }  # fmt: skip
 """Further words of the library, and what is typed instead."""
 
@@ -298,7 +299,7 @@ class CommandParser(TyperCommand):
         """Return the words with each vector as one; joint values that are an argument come last, behind --."""
         valued: Any = {name: p for p in self.params for name in p.opts if not getattr(p, "is_flag", False)}
         takes_joints = any(getattr(p, "metavar", None) == Q_DEG for p in self.params)
-        words, joints, rest = list[str](), list[str](), deque(args)
+        words, joints, others, rest = list[str](), list[str](), list[str](), deque(args)
         while rest:
             word = rest.popleft()
             name, equals, value = word.partition("=")
@@ -309,10 +310,12 @@ class CommandParser(TyperCommand):
                 words += [f"{name}={','.join(run)}"] if name.startswith("--") else [name, ",".join(run)]
             elif takes_joints and re.match(r"[-+]?\.?\d", word):
                 joints.append(word)
+            elif takes_joints and not word.startswith("-"):
+                others.append(word)
             elif not takes_joints or word != "--":
                 words.append(word)
         lacks_value = words[-1:] and words[-1] in valued
-        return [*words, "--", ",".join(joints)] if joints and not lacks_value else words
+        return [*words, "--", ",".join(joints), *others] if joints and not lacks_value else [*words, *others]
 
     def get_help_option(self, ctx: Any) -> Any:
         """Return --help, in the last panel."""

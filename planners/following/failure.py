@@ -126,7 +126,7 @@ def find_rank_failure(robot: Robot) -> PlanFailure | None:
 
 def format_position(path: Path, s: float) -> str:
     """Return a path parameter with its unit, as text."""
-    return f"s = {s:.6g} {path.unit}"
+    return f"s = {s:.5g} {path.unit}"
 
 
 def explain_end(robot: Robot, path: Path, reach: Array, ended: TrackEnd, q: Array) -> PlanFailure:
@@ -142,7 +142,7 @@ def explain_end(robot: Robot, path: Path, reach: Array, ended: TrackEnd, q: Arra
         reason = f"{name} reaches the end of its range [{low:.6g}, {high:.6g}] {unit} at {at}"
         return PlanFailure(FollowStatus.OUTSIDE_LIMITS, s, name, reason, "", sigma)
     status, reason = _explain_beyond(robot, path, reach, ended, q, sigma)
-    return PlanFailure(status, s, None, f"{reason}; smallest singular value {sigma:.2g}", "", sigma)
+    return PlanFailure(status, s, None, reason, "", sigma)
 
 
 def _ask_unit(path: Path, reach: Array) -> str:
@@ -181,13 +181,12 @@ def _explain_beyond(
     close = f": the smallest singular value comes to {march.SMALLEST_SINGULAR_VALUE:g} or below"
     singular = f"the arm is singular at {at}{close if ended.code == march.SINGULAR else f', {this} ends there'}"
     if result:
-        return FollowStatus.SINGULAR, f"{singular}; just beyond, another configuration reaches the path"
+        return FollowStatus.SINGULAR, f"{singular}; beyond, another configuration goes on"
     if result.status is IKStatus.OUTSIDE_LIMITS:
-        words = f"{singular}; just beyond, the path was reached only with joints outside their limits"
+        words = f"{singular}; beyond, the path was reached only with joints outside their limits"
         return FollowStatus.SINGULAR, words
     return FollowStatus.UNREACHABLE, (
-        f"the path leaves the reachable poses at {at}: no configuration was found just beyond, from "
-        f"{result.restarts + 1} initial guesses"
+        f"the path leaves the reachable poses at {at}: none of {result.restarts + 1} initial guesses led beyond"
     )
 
 

@@ -188,13 +188,15 @@ def load_chunks(
         Missing or other columns, cells that are not numbers, a chunk with fewer than two targets.
     """
     joints = {f"q{i + 1}": "m" if slides else "rad" for i, slides in enumerate(robot.prismatic)}
-    expected = f"columns observed,index,{','.join(joints)} (or q1_deg,… or the names of the joints)"
+    expected = f"columns observed,index,q1,…,q{robot.n} (or q1_deg,… or the joints' names)"
     table = read_table(file, columns, ignore)
     names = dict(zip(robot.joint_names, joints, strict=True))
     table = table._replace(columns={names.get(name, name): column for name, column in table.columns.items()})
     table = table.resolve(joints | {"observed": "s", "index": ""})
     if not {"observed", "index", *joints} <= {*table.columns}:
-        raise table.make_header_error(expected, "columns= names all columns")
+        few = len(table.columns) < robot.n + 2
+        advice = f"{robot.name} has {robot.n} joints: robot= names another arm" if few else "columns= names all columns"
+        raise table.make_header_error(expected, advice)
     table.refuse_others(["observed", "index", *joints], expected)
     observed, index = table.read_numbers(["observed"])[:, 0], table.read_numbers(["index"])[:, 0]
     q, chunks = table.read_numbers(list(joints)), []

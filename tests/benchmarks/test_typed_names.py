@@ -95,6 +95,15 @@ def test_an_error_names_the_option_as_typed_in_one_line(option: str, words: str,
         ("bench run speedy", "unknown suite 'speedy'; did you mean ik-speed"),  # before --out is missed
         ("plan line -r ur5e --goal 0.4,0.2,0.5", "did you mean --move?"),  # what is not spelled like the option
         ("plan arc --goal 0.4,0.2,0.5", "did you mean --to?"),
+        ("drive line.json --drive mujoco", "did you mean --on?"),
+        (
+            "drive line.json --robot panda",
+            "unknown option --robot; optik drive --help lists the options",
+        ),  # nothing is near
+        ("plan line -r scara", "unknown robot 'scara'; there are: fr3, "),
+        ("fk 0,1,2,3,4,5 ur5e", "unexpected argument ur5e; "),
+        ("drive line.json --stop 200ms", "--stop: expected a number [s]; got '200ms'"),
+        ("plan ptp --waypoints foreign.csv", "expected a header with q1_deg,…,q6_deg (or q1,… [rad, m])"),
         ("plan --robot ur5e line", "--robot comes after the command: optik plan line --robot …"),
         ("plan line --acceleration 1,2", "--limits joint_limits.yaml has one for each joint"),
         ("plan line --out results/x.json", "create the folder results first"),
@@ -106,7 +115,7 @@ def test_an_error_names_the_option_as_typed_in_one_line(option: str, words: str,
         ("drive foreign.csv", "`optik certify foreign.csv` judges the motion of another program"),
         ("stream degrees.csv --latency 200", "--latency: expected seconds, from 0 to 10; got 200"),
         ("stream degrees.csv --jerk 5", "columns q1,q2,q3,q4,q5,q6: expected angles [rad]; got up to 90"),
-        ("stream foreign.csv --ignore joint1", "--columns names all columns"),
+        ("stream foreign.csv --ignore joint1", "paper6r has 6 joints: --robot names another arm"),
         (
             "plan program avoid.toml",
             "part 1: scene: expected a Scene with the obstacles to avoid; got None; pass --scene",

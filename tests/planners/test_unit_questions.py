@@ -7,7 +7,7 @@ import pytest
 
 import optik
 from optik.errors import AssumptionWarning, InvalidInput
-from planners import Line, MotionLimits, Polyline, certify, free, load_limits, retarget
+from planners import Line, MotionLimits, Polyline, certify, free, load_limits, plan, retarget
 from planners.trajectory import make_rest
 
 
@@ -44,6 +44,17 @@ def test_a_blend_in_millimetres_and_a_turn_in_degrees_are_asked_about(recwarn: p
         Polyline(poses, blend=2.0)
     with pytest.warns(AssumptionWarning, match="turn: 180 rad is 28.6 full turns: are these degrees"):
         free(Line(*poses[:2]), turn=180.0)
+
+
+def test_a_tolerance_in_degrees_and_a_period_as_rate_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InvalidInput, match=r"at most π; got 28.6 rad; np.deg2rad converts degrees"):
+        optik.ik.Tolerance(1e-3, 28.6)
+    arm = optik.load("ur5e")
+    motion = plan(arm, np.full(6, 0.1), np.zeros(6), limits=MotionLimits.of(arm, acceleration=10.0, jerk=100.0))
+    with pytest.raises(InvalidInput, match=r"^rate: expected points per second; got 0.008; is this a period\?$"):
+        motion.save(tmp_path / "x.yaml", rate=0.008)
+    with pytest.raises(InvalidInput, match=r"^p: expected finite numbers"):
+        optik.se3.pose(p=[np.nan, 0.0, 0.0])
 
 
 def test_arguments_in_another_order_are_answered_with_their_order() -> None:
