@@ -157,10 +157,9 @@ class UnknownName(OptikError, LookupError):
         close = close or [each for each in spelled if typed and each.startswith(typed)]
         self.nearest = tuple(similar) or tuple(spelled[each] for each in close)
         hint = f"did you mean {' or '.join(self.nearest)}?" if self.nearest else ""
-        listed, count = ", ".join(self.known) or "none", len(self.known)
+        listed = ", ".join(self.known) or "none"
         if len(listed) > LONGEST_LIST:
-            first = listed[:LONGEST_LIST].rpartition(", ")[0]
-            listed = "" if hint or advice else f"{first} and {count - first.count(', ') - 1} more"
+            listed = "" if hint or advice else f"{listed[:LONGEST_LIST].rpartition(', ')[0]}, …"
         listed = listed and f"there are: {listed}"
         super().__init__("; ".join(filter(None, (f"unknown {kind} {name!r}", f"{hint} {listed}".strip(), advice))))
 

@@ -144,11 +144,8 @@ def _end_usage(error: Any) -> None:
     if type(error).__name__ == "NoArgsIsHelpError":
         error.show()
         sys.exit(2)
-    words, name = (
-        " ".join(error.format_message().split()).removesuffix(".").replace("'?", "'"),
-        getattr(error, "option_name", ""),
-    )
-    if name in OPTIONS.values():
+    words = " ".join(error.format_message().split()).removesuffix(".").replace("'?", "'")
+    if (name := getattr(error, "option_name", "")) in OPTIONS.values():
         words = f"{name} comes after the command: {command} {next(iter(error.ctx.command.commands))} {name} …"
     _end(f"error: {words}; for help: {command} --help", 2)
 

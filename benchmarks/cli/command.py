@@ -27,7 +27,7 @@ from optik.arm.model import unit_factors
 from optik.arm.motors import from_maker, maker_joints
 from optik.arm.urdf import TIP_ADVICE
 from optik.errors import InvalidInput, OptikError, RobotModelError, UnknownName
-from optik.plugins.files import is_path, split_links
+from optik.plugins.files import is_path
 from optik.registry import data_file, names, short_name
 
 # ---------------- errors of the parser as one line
@@ -66,10 +66,8 @@ def describe_usage(error: Any, context: Any, words: Sequence[str], kind: type) -
         extra = context.command.make_parser(context).parse_args(list(words))[1]
         beside = f", and unexpected argument {extra[0]}" if extra else ""
         return OptikError(f"{named} is missing{beside}{example}")
-    advice = (
-        "--limits joint_limits.yaml has one for each joint" if "," in typed and param.name in LIMIT_EXAMPLES else ""
-    )
-    return InvalidInput(named, repr(typed), _describe_values(kind, param.name), advice=advice)
+    each = "--limits joint_limits.yaml has one for each joint" if "," in typed and param.name in LIMIT_EXAMPLES else ""
+    return InvalidInput(named, repr(typed), _describe_values(kind, param.name), advice=each)
 
 
 def _find_value(names: Sequence[str], words: Sequence[str]) -> str | None:
@@ -106,7 +104,7 @@ ARGUMENTS = {
     "limits.tool_speed": "tool_speed", "limits.rotation_speed": "rotation_speed", "target": "xyz", "q": "q_deg",
     "angle": "angle_deg", "data": "set_", "goal": "set_", "robot": "name", "drive": "on", "search": "avoid",
     "extra": "limit", "peer": "name", "scene.margin": "margin", "package_dirs": "package_dir", "start": "start_deg",
-    "q_start": "start_deg", "tilt": "free", "freedoms": "free",
+    "q_start": "start_deg", "tilt": "free", "freedoms": "free", "open_container.angle": "limit",
 }  # fmt: skip
 """Arguments of the library, and kinds of names, that a command has under another name."""
 
@@ -119,6 +117,7 @@ PHRASES = {
     "with_limits sets them": "only <limit> is read", "with_limits(torque=None)": "--torque none",
     "with_limits(velocity=)": "--velocity", ", or shapes.with_apart": "", "a longer ramp= (at most 0.5); ": "",
     "load_limits reads": "--limits reads", "a `planners.Program`": "`optik plan program`",
+    "np.deg2rad converts degrees": "degrees end with deg, as in 15deg",
 }  # fmt: skip
 """Further words of the library, and what is typed instead."""
 
@@ -433,12 +432,8 @@ class StartCommand(RobotCommand):
         home, factors = read_home(self.robot), unit_factors(arm)
         q = optik.choose_start(arm) if home is None else from_maker(arm, home / factors)
         why = "a sample, because it has no home_deg" if home is None else "its home_deg"
-        return Start(
-            arm,
-            q,
-            f"start of {arm.name}, {why}: --start-deg {format_numbers(maker_joints(arm, q) * factors)}",
-            home is None,
-        )
+        typed = format_numbers(maker_joints(arm, q) * factors)
+        return Start(arm, q, f"start of {arm.name}, {why}: --start-deg {typed}", home is None)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -545,14 +540,6 @@ def join_options(limits: Sequence[str], with_values: bool) -> str:
         if with_values
         else ", ".join(f"--{name}" for name in limits)
     )
-
-
-def advise_shapes(robot: str) -> str:
-    """Return how to read the collision shapes of a robot's description; empty for other files."""
-    if not split_links(robot)[0].lower().endswith((".urdf", ".xml", ".xacro")):
-        return ""
-    typed = f"'{robot}{'&' if '#' in robot else '#'}shapes=yes'"
-    return f"{typed} reads shapes from <collision> (package://: --package-dir FOLDER)"
 
 
 def print_json(data: Any) -> None:

@@ -415,14 +415,8 @@ class StreamCommand(command.LimitsCommand, command.TableCommand):
                 self.out, np.column_stack([done.t, done.setpoints, done.q]), "%.9g", ",", header=header, comments=""
             )
         if self.as_json:
-            print_json(
-                {
-                    "report": done.report._asdict(),
-                    "error": done.error.tolist(),
-                    "fault": done.fault,
-                    "end": float(done.t[-1]),
-                }
-            )
+            data = {"report": done.report._asdict(), "error": done.error.tolist(), "fault": done.fault}
+            print_json(data | {"end": float(done.t[-1])})
         else:
             report = str(done.report).replace("tolerance=", "--tolerance ")
             out_console.print(f"{len(chunks)} chunks on {self.on}, {done.t[-1]:.3g} s\n{report}", highlight=False)

@@ -15,22 +15,14 @@ from rich.table import Table
 
 import optik
 from benchmarks.cli import command
-from benchmarks.cli.command import (
-    MotionCommand,
-    RobotCommand,
-    Start,
-    advise_shapes,
-    numbers,
-    option,
-    out_console,
-    translate,
-)
+from benchmarks.cli.command import MotionCommand, RobotCommand, Start, numbers, option, out_console, translate
 from benchmarks.cli.readers import ALLOW_HELP, format_numbers, read_allowed, read_bound, read_number_list
 from optik.arm.model import unit_factors
 from optik.arm.motors import maker_joints
 from optik.check import check_number, describe_ratio, format_count, format_ratio
 from optik.errors import InvalidInput
 from optik.file_io import write_atomically
+from optik.plugins.files import split_links
 from optik.registry import names
 from optik.types import Array
 
@@ -193,15 +185,17 @@ class SceneCommand(RobotCommand):
     def load_scene(self, arm: optik.Robot) -> optik.Scene | None:
         """Return the scene of ``--scene``."""
         if self.margin is not None and not 0.0 <= self.margin <= 1.0:
-            advice = f"{self.margin:g} mm are typed as {1e-3 * self.margin:g}" if self.margin > 1.0 else ""
-            raise InvalidInput("--margin", self.margin, "a distance from 0 to 1 [m]", advice=advice)
+            raise InvalidInput("--margin", self.margin, "a distance from 0 to 1 [m]", advice="10 mm are typed as 0.01")
         if self.scene is None:
             if self.margin is not None:
                 advice = "add --scene FILE, or --scene self"
                 raise InvalidInput("--margin", f"{self.margin:g} without --scene", "a scene", advice=advice)
             return None
         if arm.shapes is None:
-            advice = f"--robot {words}" if (words := advise_shapes(self.robot)) else ""
+            advice = ""
+            if split_links(self.robot)[0].lower().endswith((".urdf", ".xml", ".xacro")):
+                typed = f"--robot '{self.robot}{'&' if '#' in self.robot else '#'}shapes=yes'"
+                advice = f"{typed} reads shapes from <collision> (package://: --package-dir FOLDER)"
             raise InvalidInput("--scene", f"none for {arm.name}", "an arm with shapes", advice=advice)
         scene = optik.Scene() if self.scene == "self" else optik.Scene.load(self.scene, robot=arm)
         return scene if self.margin is None else replace(scene, margin=self.margin)
@@ -351,8 +345,9 @@ class PlanCommand(MotionCommand, SceneCommand):
         if payload is None:
             return arm
         if arm.inertia is None:
-            expected = "an arm with masses (in its file), or no --payload"
-            raise InvalidInput("--payload", f"{payload} on {arm.name}, whose masses are unknown", expected)
+            raise InvalidInput(
+                "--payload", f"{payload} on {arm.name}", "an arm with masses in its file, or no --payload"
+            )
         try:
             return arm.with_payload(read_bound(payload.replace(":", ","), "--payload"))
         except InvalidInput as error:

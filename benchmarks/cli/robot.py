@@ -42,8 +42,6 @@ class RobotsCommand(FileCommand):
                 print_json(arm.to_dict())
             else:
                 out_console.print(command.name_options(str(arm)), soft_wrap=True)
-                if arm.shapes is None and (advice := command.advise_shapes(self.name)):
-                    out_console.print(advice, soft_wrap=True)
             return
         found = {name: load_or_error(optik.load, name) for name in optik.robots()}
         if self.as_json:

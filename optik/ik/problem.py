@@ -90,7 +90,7 @@ class Tolerance:
             object.__setattr__(self, field, value)
         if self.rotation > np.pi:
             raise InvalidInput(
-                "tolerance.rotation", self.rotation, "at most π", unit="rad", advice="np.deg2rad converts degrees"
+                "tolerance.rotation", self.rotation, "at most π", unit="rad", advice="are these degrees?"
             )
 
     @classmethod

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from pathlib import Path as FilePath
 
-from optik.check import locate_error
 from optik.errors import InvalidInput, OptikError
 from optik.file_io import check_suffix, read_bytes, write_atomically
 from optik.registry import build_method, names
@@ -117,7 +116,7 @@ def load_motion(file: str | os.PathLike[str], *, format: str | os.PathLike[str] 
     try:
         return chosen.from_bytes(content)
     except InvalidInput as error:
-        raise locate_error(file, error) from None
+        raise InvalidInput(f"{file}: {error.argument}", error.got, error.expected, advice=error.advice) from None
     except OptikError as error:
         raise InvalidInput(str(file), str(error), "a complete motion") from None
 

@@ -120,8 +120,7 @@ def _find_sets(table: TextTable, robot: Robot, names: list[str]) -> dict[int, Co
                 raise InvalidInput(table.locate(), ",".join(both)[:160], expected, advice=advice)
             if len(group) == robot.n and order not in sets:
                 sets[order] = group
-                words = f"{_abbreviate([*group])} are read as {_abbreviate(names)} of {robot.name}, by number"
-                words += " (robot= names another arm)"
+                words = f"{_abbreviate([*group])} are read as {_abbreviate(names)} of {robot.name}, by number (robot=)"
                 table.notes.extend([words] * (not by_name))
     return sets
 

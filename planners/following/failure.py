@@ -126,7 +126,7 @@ def find_rank_failure(robot: Robot) -> PlanFailure | None:
 
 def format_position(path: Path, s: float) -> str:
     """Return a path parameter with its unit, as text."""
-    return f"s = {s:.5g} {path.unit}"
+    return f"s = {s:.6g} {path.unit}"
 
 
 def explain_end(robot: Robot, path: Path, reach: Array, ended: TrackEnd, q: Array) -> PlanFailure:

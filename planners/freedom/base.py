@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import warnings
 from typing import Any, ClassVar
 
 import numpy as np
 
 from optik.check import check_number
-from optik.errors import AssumptionWarning, InvalidInput
+from optik.errors import InvalidInput
+from optik.tables import warn_of_assumptions
 
 Bounds = tuple[float, float]
 """Least and greatest value of each coordinate of a freedom; the greatest is the radius of a disc for `Freedom.round`."""
@@ -72,8 +72,8 @@ class Freedom:
         if self.round and self.unit == "rad" and most > np.pi:
             raise InvalidInput(self.name, most, "at most π", unit="rad")
         if self.unit == "rad" and most > 4.0 * np.pi:
-            words = f"{self.name}: {most:.4g} rad is {most / (2.0 * np.pi):.3g} full turns: are these degrees?"
-            warnings.warn(words, AssumptionWarning, stacklevel=4)
+            turns = f"{most:.4g} rad is {0.5 * most / np.pi:.3g} full turns: are these degrees?"
+            warn_of_assumptions(self.name, [turns], 4)
         return -most, most
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, NamedTuple, Self
 
@@ -14,7 +13,7 @@ from optik import se3
 from optik.arm.robot import Robot
 from optik.check import real_array
 from optik.compiled import compiled
-from optik.errors import AssumptionWarning, InvalidInput
+from optik.errors import InvalidInput
 from optik.tables import Names, read_table, warn_of_assumptions
 from optik.types import Array, Flags, Indices
 from planners.paths.base import PiecewisePath, fields
@@ -105,7 +104,7 @@ class Polyline(PiecewisePath):
         self._given = check_waypoints(waypoints)
         self._blend = _check_tolerances(blend, "blend", "m", len(self._given) - 2)
         if self._blend.size and self._blend.min() > 1.0:
-            warnings.warn(f"blend: {self._blend.min():g} m: are these millimetres?", AssumptionWarning, stacklevel=2)
+            warn_of_assumptions("blend", [f"{self._blend.min():g} m: are these millimetres?"])
         self._blend_rotation = _check_tolerances(blend_rotation, "blend_rotation", "rad", len(self._given) - 2)
         kept, room = _merge_waypoints(self._given, self._blend, self._blend_rotation)
         self.dropped = tuple(sorted(set(range(len(self._given))) - set(kept)))

@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from optik.arm.robot import Robot
-from optik.check import locate_error
 from optik.errors import InvalidInput, NoSolution
 from optik.ik import get_solver
 from optik.ik.problem import check_start
@@ -225,7 +224,7 @@ class PartFollower:
         except InvalidInput as error:
             if error.argument.startswith(label):
                 raise
-            raise locate_error(label, error) from None
+            raise InvalidInput(f"{label}: {error.argument}", error.got, error.expected, advice=error.advice) from None
         if followed.failure is not None:
             return self.explain(k, path, followed.failure, followed.joint_path)
         path, joints = self._close_gap(k, path, followed.joint_path, q)

@@ -194,16 +194,13 @@ def load_chunks(
     table = table._replace(columns={names.get(name, name): column for name, column in table.columns.items()})
     table = table.resolve(joints | {"observed": "s", "index": ""})
     if not {"observed", "index", *joints} <= {*table.columns}:
-        few = len(table.columns) < robot.n + 2
-        advice = f"{robot.name} has {robot.n} joints: robot= names another arm" if few else "columns= names all columns"
+        advice = f"robot= names another arm than {robot.name}, columns= names the columns"
         raise table.make_header_error(expected, advice)
     table.refuse_others(["observed", "index", *joints], expected)
     observed, index = table.read_numbers(["observed"])[:, 0], table.read_numbers(["index"])[:, 0]
     q, chunks = table.read_numbers(list(joints)), []
     if asked := ask_for_degrees(robot.limits, ~robot.prismatic, q):
-        raise InvalidInput(
-            table.locate(None, *joints)[:80], f"up to {np.abs(q).max():.4g}", "angles [rad]", advice=asked
-        )
+        raise InvalidInput(table.locate(), f"q up to {np.abs(q).max():.4g}", "angles [rad]", advice=asked)
     for t in np.unique(observed):
         rows = np.flatnonzero(observed == t)
         if rows.size < 2:

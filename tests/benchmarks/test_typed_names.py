@@ -114,8 +114,11 @@ def test_an_error_names_the_option_as_typed_in_one_line(option: str, words: str,
         ("certify joint_limits.yaml", "expected a trajectory; got joint_limits; --limits reads this file"),
         ("drive foreign.csv", "`optik certify foreign.csv` judges the motion of another program"),
         ("stream degrees.csv --latency 200", "--latency: expected seconds, from 0 to 10; got 200"),
-        ("stream degrees.csv --jerk 5", "columns q1,q2,q3,q4,q5,q6: expected angles [rad]; got up to 90"),
-        ("stream foreign.csv --ignore joint1", "paper6r has 6 joints: --robot names another arm"),
+        (
+            "stream degrees.csv --jerk 5",
+            "degrees.csv, line 1: expected angles [rad]; got q up to 90; are these degrees?",
+        ),
+        ("stream foreign.csv --ignore joint1", "--robot names another arm than paper6r, --columns names the columns"),
         (
             "plan program avoid.toml",
             "part 1: scene: expected a Scene with the obstacles to avoid; got None; pass --scene",
