@@ -62,16 +62,22 @@ def check_keywords(function: Callable_) -> Callable_:
     code = start.__code__
     known, kinds = code.co_varnames[: code.co_argcount + code.co_kwonlyargcount], code.co_flags & CO_VARKEYWORDS
 
+    names = [name for name in known if name != "self"]
+
     @wraps(start)
     def call(*args: Any, **given: Any) -> Any:
         for word in given.keys() - known:
             example = re.search(rf"``([^`]*\([^`]*\b{word}[^`]*)``", " ".join((function.__doc__ or "").split()))
-            names = [name for name in known if name != "self"]
             typed = [name for name in names if word.lower() in str(start.__annotations__.get(name)).lower()]
             raise UnknownName(
                 f"argument of {function.__name__}()", word, names, similar=[example[1]] if example else typed
             )
-        return start(*args, **given)
+        try:
+            return start(*args, **given)
+        except TypeError as error:
+            if not str(error).startswith(f"{start.__qualname__}() "):
+                raise
+            raise TypeError(f"{error}; the arguments begin with {', '.join(names[:4])}") from None
 
     if kinds:
         return function

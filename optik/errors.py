@@ -9,7 +9,7 @@ LONGEST_MESSAGE = 2000
 """Longest text of an error; a longer text is shortened in its middle."""
 
 LONGEST_LIST = 120
-"""Longest list of all known names beside a suggestion; a longer one hides it."""
+"""Longest list of known names: a longer one is cut, and hidden beside a suggestion."""
 
 
 class OptikError(Exception):
@@ -153,11 +153,14 @@ class UnknownName(OptikError, LookupError):
 
         spelled = {each.lower(): each for each in self.known}
         typed = str(name).lower()
-        close = [typed] if typed in spelled else get_close_matches(typed, spelled, n=3, cutoff=0.4)
+        close = [typed] if typed in spelled else get_close_matches(typed, spelled, n=3, cutoff=0.45)
+        close = close or [each for each in spelled if typed and each.startswith(typed)]
         self.nearest = tuple(similar) or tuple(spelled[each] for each in close)
         hint = f"did you mean {' or '.join(self.nearest)}?" if self.nearest else ""
-        listed = f"there are: {', '.join(self.known) or 'none'}"
-        listed = "" if (hint or advice) and len(listed) > LONGEST_LIST else listed
+        listed = ", ".join(self.known) or "none"
+        if len(listed) > LONGEST_LIST:
+            listed = "" if hint or advice else f"{listed[:LONGEST_LIST].rpartition(', ')[0]}, …"
+        listed = listed and f"there are: {listed}"
         super().__init__("; ".join(filter(None, (f"unknown {kind} {name!r}", f"{hint} {listed}".strip(), advice))))
 
     def __str__(self) -> str:  # a LookupError would show its message in quotes

@@ -140,7 +140,7 @@ def write_atomically(path: str | os.PathLike[str], write: Callable[[Path], objec
         finally:
             part.unlink(missing_ok=True)
     except OSError as error:
-        why = error.strerror or error if target.parent.is_dir() else f"there is no folder {target.parent}"
+        why = error.strerror or error if target.parent.is_dir() else f"create the folder {target.parent} first"
         raise OutputError(target, f"cannot be written ({why})") from None
 
 

@@ -10,7 +10,7 @@ from math import atan2, pi, sin, sqrt
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optik.check import check_keywords, real_array
+from optik.check import check_keywords, finite_array, real_array
 from optik.compiled import compiled
 from optik.errors import InvalidInput
 from optik.types import Array
@@ -224,8 +224,8 @@ def pose(R: ArrayLike | None = None, p: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
     """
     T = np.eye(4)
     if R is not None:
-        T[:3, :3] = real_array(R, "R", "an array of shape (3, 3); pose(p=...) for a position", (3, 3))
-    T[:3, 3] = real_array(p, "p", "an array of shape (3,)", (3,))
+        T[:3, :3] = finite_array(R, "R", "finite numbers of shape (3, 3); pose(p=...) for a position", (3, 3))
+    T[:3, 3] = finite_array(p, "p", "finite numbers of shape (3,)", (3,))
     return T
 
 
@@ -241,8 +241,13 @@ def nearest_pose(T: Array) -> Array:
     -------
     (4, 4) array
         The pose [1, m]; ``T`` itself if its 3×3 part is a rotation to rounding.
+
+    Raises
+    ------
+    InvalidInput
+        Another shape, or no numbers.
     """
-    R = T[:3, :3]
+    R = real_array(T, "T", "a pose (4, 4)", (4, 4))[:3, :3]
     if np.abs(R.T @ R - np.eye(3)).max() <= 1e-14:
         return T
     u, _, vt = np.linalg.svd(R)

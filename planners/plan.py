@@ -96,7 +96,7 @@ def plan(
     reconfigurations : int
         How often the tool may leave the path to continue in another configuration. If it does, the result is a `ProgramPlan`.
     tool : str, or (2,) tuple of str, optional
-        Member of a group whose tool follows the path, or both members that carry a piece.
+        Member of a group whose tool follows the path, or both members that carry a workpiece.
     frame : str, optional
         Member of a group in whose tool frame the path is given.
 

@@ -309,7 +309,7 @@ def _looking(position: Array, at: Array, up: Array) -> Array:
 
 POSES = 151
 """Poses of the line: 3 s at intervals of 0.02 s, as in the paper."""
-WIDE = Tolerance(1.0, 4.0)
+WIDE = Tolerance(1.0, np.pi)
 """Tolerance of the certificate [m, rad]; it is wide, because the remaining error of the iterations is measured here."""
 
 

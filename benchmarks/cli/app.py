@@ -17,7 +17,7 @@ from benchmarks.cli import paths
 from benchmarks.cli.bench import CheckCommand, ListCommand, NewCommand
 from benchmarks.cli.cell import CellCommand
 from benchmarks.cli.certify import CertifyCommand
-from benchmarks.cli.command import UsageError, add_command, err_console, name_options, translate
+from benchmarks.cli.command import OPTIONS, UsageError, add_command, err_console, name_options, translate
 from benchmarks.cli.installation import DoctorCommand, KernelsCommand, PeerCommand
 from benchmarks.cli.motion import DriveCommand, StreamCommand, ViewCommand
 from benchmarks.cli.robot import FkCommand, IkCommand, RobotsCommand
@@ -145,6 +145,8 @@ def _end_usage(error: Any) -> None:
         error.show()
         sys.exit(2)
     words = " ".join(error.format_message().split()).removesuffix(".").replace("'?", "'")
+    if (name := getattr(error, "option_name", "")) in OPTIONS.values():
+        words = f"{name} comes after the command: {command} {next(iter(error.ctx.command.commands))} {name} …"
     _end(f"error: {words}; for help: {command} --help", 2)
 
 

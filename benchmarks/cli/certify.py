@@ -118,17 +118,13 @@ class CertifyCommand(LimitsCommand, SceneCommand, TableCommand):
         arm = self.load() if self.robot != command.RobotCommand.robot else saved.robot
         robots = dict.fromkeys(getattr(saved.path, "robots", ()))
         if not (same := _is_same(arm, saved.robot)):
-            robots, warning = (
-                {},
-                f"--robot {self.robot} is not the arm of the file: judged without the payload of the file",
-            )
+            robots = {}
+            warning = f"--robot {self.robot} is not the arm of the file: judged without the payload of the file"
         else:
             arm = self.limit_ranges(saved.robot)
             if len(robots) > 1 and not is_exact:
-                robots, warning = (
-                    {},
-                    f"points at a rate do not say when the payload changes: judged with {arm.payload or 'none'}",
-                )
+                robots = {}
+                warning = f"points at a rate do not say when the payload changes: judged with {arm.payload or 'none'}"
         if warning:
             command.err_console.print(f"warning: {warning}", style="yellow", soft_wrap=True)
         return arm, saved if same and is_exact else None, saved.path if robots else None
@@ -183,14 +179,8 @@ class CertifyCommand(LimitsCommand, SceneCommand, TableCommand):
 
     def _describe_inputs(self, arm: optik.Robot) -> dict[str, Any]:
         """Return the SHA-256 of all files that were read, and the versions."""
-        given = {
-            "file": self.file,
-            "limits": self.limits,
-            "path": self.path,
-            "robot": split_links(self.robot)[0],
-            "scene": self.scene,
-            "srdf": self.srdf,
-        }
+        given = {"file": self.file, "limits": self.limits, "path": self.path, "scene": self.scene, "srdf": self.srdf}
+        given["robot"] = split_links(self.robot)[0]
         files = {key: Path(name) for key, name in given.items() if name is not None and Path(name).is_file()}
         inputs = {
             key: {"name": file.name, "sha256": hashlib.sha256(file.read_bytes()).hexdigest()}

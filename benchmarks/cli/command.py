@@ -40,6 +40,11 @@ VALUES = {float: "a number", int: "a whole number"}
 """Values of options by their type, for messages."""
 
 
+GOALS = ("--move", "--to", "--to-deg", "--waypoints", "--xyz")
+MEANT = {name: GOALS for name in ("--goal", "--target", "--pose", "--position", "--end")} | {"--drive": ("--on",)}
+"""Options that are not spelled like what is often typed for them."""
+
+
 def describe_usage(error: Any, context: Any, words: Sequence[str], kind: type) -> OptikError:
     """Return the parser's error about the words of a command as one of ours; `kind` is the class of the command."""
     name, param = str(getattr(error, "option_name", "") or ""), getattr(error, "param", None)
@@ -47,7 +52,8 @@ def describe_usage(error: Any, context: Any, words: Sequence[str], kind: type) -
     options = {typed: p for p in context.command.params for typed in (*p.opts, *p.secondary_opts)}
     if name and name not in options:
         long = [each for each in options if each.startswith("--")]
-        near = [each for each in long if each.startswith(name)][:3] or get_close_matches(name, long, n=2)
+        near = [each for each in long if each.startswith(name) or each in MEANT.get(name, ())][:3]
+        near = near or [f"--{each}" for each in get_close_matches(name[2:], [each[2:] for each in long], n=2)]
         meant = f"did you mean {' or '.join(near)}? " if near else ""
         return OptikError(f"unknown option {name}; {meant}{context.command_path} --help lists the options")
     if name:
@@ -60,7 +66,8 @@ def describe_usage(error: Any, context: Any, words: Sequence[str], kind: type) -
         extra = context.command.make_parser(context).parse_args(list(words))[1]
         beside = f", and unexpected argument {extra[0]}" if extra else ""
         return OptikError(f"{named} is missing{beside}{example}")
-    return InvalidInput(named, repr(typed), _describe_values(kind, param.name))
+    each = "--limits joint_limits.yaml has one for each joint" if "," in typed and param.name in LIMIT_EXAMPLES else ""
+    return InvalidInput(named, repr(typed), _describe_values(kind, param.name), advice=each)
 
 
 def _find_value(names: Sequence[str], words: Sequence[str]) -> str | None:
@@ -82,6 +89,7 @@ def _describe_values(kind: Any, name: str) -> str:
             return f"one of: {', '.join(str(member.value) for member in part)}"
     (info,) = (each.metadata["typer"] for each in fields(kind) if each.name == name)
     least = "" if info.min is None else f" of at least {info.min:g}"
+    least += "".join(re.findall(r" \[[^]]+\]", info.help or "")[:1])
     return next((words for part, words in VALUES.items() if part in parts), "another value") + least
 
 
@@ -96,7 +104,7 @@ ARGUMENTS = {
     "limits.tool_speed": "tool_speed", "limits.rotation_speed": "rotation_speed", "target": "xyz", "q": "q_deg",
     "angle": "angle_deg", "data": "set_", "goal": "set_", "robot": "name", "drive": "on", "search": "avoid",
     "extra": "limit", "peer": "name", "scene.margin": "margin", "package_dirs": "package_dir", "start": "start_deg",
-    "q_start": "start_deg", "tilt": "free", "freedoms": "free",
+    "q_start": "start_deg", "tilt": "free", "freedoms": "free", "open_container.angle": "limit",
 }  # fmt: skip
 """Arguments of the library, and kinds of names, that a command has under another name."""
 
@@ -107,7 +115,9 @@ PHRASES = {
     "elbow=True in planners.free": "--free elbow",
     "optik.solve_ik with closest=True": "optik ik --closest",
     "with_limits sets them": "only <limit> is read", "with_limits(torque=None)": "--torque none",
-    "with_limits(velocity=)": "--velocity", ", or shapes.with_apart": "", ", or shapes.with_part": "",
+    "with_limits(velocity=)": "--velocity", ", or shapes.with_apart": "", "a longer ramp= (at most 0.5); ": "",
+    "load_limits reads": "--limits reads", "a `planners.Program`": "`optik plan program`",
+    "np.deg2rad converts degrees": "degrees end with deg, as in 15deg",
 }  # fmt: skip
 """Further words of the library, and what is typed instead."""
 
@@ -130,7 +140,7 @@ def name_options(words: str) -> str:
     """Return a message with options in place of Python arguments, such as --tip tool0 for tip='tool0'."""
 
     def join(match: re.Match[str]) -> str:
-        option, value = OPTIONS.get(ARGUMENTS.get(match[1], match[1]), ""), match[2]
+        option, value = OPTIONS.get(match[1], OPTIONS.get(ARGUMENTS.get(match[1], ""), "")), match[2]
         if not option.startswith("--") or option in ("--free", "--limit", "--set"):  # these are followed by NAME=VALUE
             return match[0]
         if value.startswith("{"):
@@ -288,7 +298,7 @@ class CommandParser(TyperCommand):
         """Return the words with each vector as one; joint values that are an argument come last, behind --."""
         valued: Any = {name: p for p in self.params for name in p.opts if not getattr(p, "is_flag", False)}
         takes_joints = any(getattr(p, "metavar", None) == Q_DEG for p in self.params)
-        words, joints, rest = list[str](), list[str](), deque(args)
+        words, joints, others, rest = list[str](), list[str](), list[str](), deque(args)
         while rest:
             word = rest.popleft()
             name, equals, value = word.partition("=")
@@ -299,10 +309,12 @@ class CommandParser(TyperCommand):
                 words += [f"{name}={','.join(run)}"] if name.startswith("--") else [name, ",".join(run)]
             elif takes_joints and re.match(r"[-+]?\.?\d", word):
                 joints.append(word)
+            elif takes_joints and not word.startswith("-"):
+                others.append(word)
             elif not takes_joints or word != "--":
                 words.append(word)
         lacks_value = words[-1:] and words[-1] in valued
-        return [*words, "--", ",".join(joints)] if joints and not lacks_value else words
+        return [*words, "--", ",".join(joints), *others] if joints and not lacks_value else [*words, *others]
 
     def get_help_option(self, ctx: Any) -> Any:
         """Return --help, in the last panel."""
@@ -420,12 +432,8 @@ class StartCommand(RobotCommand):
         home, factors = read_home(self.robot), unit_factors(arm)
         q = optik.choose_start(arm) if home is None else from_maker(arm, home / factors)
         why = "a sample, because it has no home_deg" if home is None else "its home_deg"
-        return Start(
-            arm,
-            q,
-            f"start of {arm.name}, {why}: --start-deg {format_numbers(maker_joints(arm, q) * factors)}",
-            home is None,
-        )
+        typed = format_numbers(maker_joints(arm, q) * factors)
+        return Start(arm, q, f"start of {arm.name}, {why}: --start-deg {typed}", home is None)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -395,10 +395,10 @@ class StreamCommand(command.LimitsCommand, command.TableCommand):
 
         if self.out is not None and self.out.suffix.lower() != ".csv":
             raise InvalidInput("--out", self.out, "a name that ends in .csv")
-        if not (np.isfinite(self.latency) and self.latency >= 0.0):
-            raise InvalidInput("--latency", self.latency, "seconds, at least 0")
+        if not 0.0 <= self.latency <= 10.0:
+            raise InvalidInput("--latency", self.latency, "seconds, from 0 to 10")
         arm = self.load()
-        chunks = load_chunks(self.file, arm, self.rate, columns=self.columns)
+        chunks = load_chunks(self.file, arm, self.rate, columns=self.columns, ignore=self.ignore)
         limits = MotionLimits.of(arm, **self.read_typed_limits(arm))
         first = np.asarray(chunks[0].points)[0]
         start = first if self.start_deg is None else read_configuration(arm, self.start_deg)
@@ -415,14 +415,8 @@ class StreamCommand(command.LimitsCommand, command.TableCommand):
                 self.out, np.column_stack([done.t, done.setpoints, done.q]), "%.9g", ",", header=header, comments=""
             )
         if self.as_json:
-            print_json(
-                {
-                    "report": done.report._asdict(),
-                    "error": done.error.tolist(),
-                    "fault": done.fault,
-                    "end": float(done.t[-1]),
-                }
-            )
+            data = {"report": done.report._asdict(), "error": done.error.tolist(), "fault": done.fault}
+            print_json(data | {"end": float(done.t[-1])})
         else:
             report = str(done.report).replace("tolerance=", "--tolerance ")
             out_console.print(f"{len(chunks)} chunks on {self.on}, {done.t[-1]:.3g} s\n{report}", highlight=False)

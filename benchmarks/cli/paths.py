@@ -412,6 +412,8 @@ class CheckProgramCommand(JsonCommand):
         out_console.print(f"{parts}, {events}: no errors")
         if content.start is None and not isinstance(content.program.parts[0].goal, planners.Path):
             out_console.print("no start in the file: `optik plan program` needs --start-deg")
+        if any(part.avoid is not False for part in content.program.parts):
+            out_console.print("a part avoids obstacles: `optik plan program` needs --scene FILE")
 
 
 def _describe(item: Any, arm: optik.Robot) -> dict[str, str]:

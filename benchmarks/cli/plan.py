@@ -185,7 +185,7 @@ class SceneCommand(RobotCommand):
     def load_scene(self, arm: optik.Robot) -> optik.Scene | None:
         """Return the scene of ``--scene``."""
         if self.margin is not None and not 0.0 <= self.margin <= 1.0:
-            raise InvalidInput("--margin", self.margin, "a distance from 0 to 1 [m]")
+            raise InvalidInput("--margin", self.margin, "a distance from 0 to 1 [m]", advice="10 mm are typed as 0.01")
         if self.scene is None:
             if self.margin is not None:
                 advice = "add --scene FILE, or --scene self"
@@ -195,9 +195,8 @@ class SceneCommand(RobotCommand):
             advice = ""
             if split_links(self.robot)[0].lower().endswith((".urdf", ".xml", ".xacro")):
                 typed = f"--robot '{self.robot}{'&' if '#' in self.robot else '#'}shapes=yes'"
-                advice = f"to read its <collision> elements: {typed} (for package:// meshes: --package-dir FOLDER)"
-            came = f"{self.scene} for {arm.name}, which has no shapes"
-            raise InvalidInput("--scene", came, "an arm whose file has shapes", advice=advice)
+                advice = f"{typed} reads shapes from <collision> (package://: --package-dir FOLDER)"
+            raise InvalidInput("--scene", f"none for {arm.name}", "an arm with shapes", advice=advice)
         scene = optik.Scene() if self.scene == "self" else optik.Scene.load(self.scene, robot=arm)
         return scene if self.margin is None else replace(scene, margin=self.margin)
 
@@ -346,7 +345,9 @@ class PlanCommand(MotionCommand, SceneCommand):
         if payload is None:
             return arm
         if arm.inertia is None:
-            raise InvalidInput("--payload", f"{payload} on {arm.name}, whose masses are unknown", "an arm with masses")
+            raise InvalidInput(
+                "--payload", f"{payload} on {arm.name}", "an arm with masses in its file, or no --payload"
+            )
         try:
             return arm.with_payload(read_bound(payload.replace(":", ","), "--payload"))
         except InvalidInput as error:

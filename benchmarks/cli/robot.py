@@ -41,7 +41,7 @@ class RobotsCommand(FileCommand):
             if self.as_json:
                 print_json(arm.to_dict())
             else:
-                out_console.print(str(arm), soft_wrap=True)
+                out_console.print(command.name_options(str(arm)), soft_wrap=True)
             return
         found = {name: load_or_error(optik.load, name) for name in optik.robots()}
         if self.as_json:

@@ -368,7 +368,7 @@ def ask_for_degrees(limits: JointLimits, turns: Flags, q: Array) -> str:
 
 def check_positive(value: ArrayLike, n: int, argument: str) -> Array:
     """Check a positive limit; return it as a read-only array (n,)."""
-    array = real_array(value, argument, f"a positive number or {n} of them")
+    array = real_array(value, argument, f"a positive number{f' or {n} of them' if n > 1 else ''}")
     if array.ndim == 0:
         array = np.full(n, float(array))
     if array.shape != (n,):

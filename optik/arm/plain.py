@@ -99,6 +99,8 @@ def read_record(data: Any, keys: tuple[str, ...], argument: str, *, optional: tu
 
         near = get_close_matches(unknown[0], (*keys, *optional)) if unknown else []
         near = [key for key in near if key == near[0] or key.startswith(f"{unknown[0]}_")]
+        near = missing if len(missing) == len(unknown) == 1 else near
+        expected = expected if not near or len(expected) < 60 else "known keys"
         advice = f"did you mean {' or '.join(near)}?" if near else ""
         raise InvalidInput(argument, "; ".join(wrong)[:200], expected, advice=advice)
     return data

@@ -88,6 +88,10 @@ class Tolerance:
         for field in ("position", "rotation"):
             value = check_number(getattr(self, field), f"tolerance.{field}", "a number above 0", above=0.0)
             object.__setattr__(self, field, value)
+        if self.rotation > np.pi:
+            raise InvalidInput(
+                "tolerance.rotation", self.rotation, "at most π", unit="rad", advice="are these degrees?"
+            )
 
     @classmethod
     def of(cls, value: ToleranceLike) -> Tolerance:

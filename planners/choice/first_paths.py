@@ -162,7 +162,7 @@ def check_avoidable(
 ) -> Path:  # fmt: skip
     """Return a path that can avoid obstacles: a goal (joints or a pose) becomes a `PointToPoint`, unless it is the start."""
     if scene is None:
-        raise InvalidInput("scene", "None", "a Scene with the obstacles to avoid")
+        raise InvalidInput("scene", "None", "a Scene with the obstacles to avoid", advice="pass scene=")
     check_scene(robot, scene)
     assert robot.shapes is not None
     if len(find_pairs(robot, scene).bodies) > MOST_AVOIDED_PAIRS:

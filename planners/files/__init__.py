@@ -116,7 +116,7 @@ def load_motion(file: str | os.PathLike[str], *, format: str | os.PathLike[str] 
     try:
         return chosen.from_bytes(content)
     except InvalidInput as error:
-        raise InvalidInput(f"{file}: {error.argument}", error.got, error.expected) from None
+        raise InvalidInput(f"{file}: {error.argument}", error.got, error.expected, advice=error.advice) from None
     except OptikError as error:
         raise InvalidInput(str(file), str(error), "a complete motion") from None
 

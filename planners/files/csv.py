@@ -47,7 +47,8 @@ class Csv(Format):
     def from_bytes(self, content: bytes) -> Motion:
         """Read a motion as `Format.from_bytes`; the table must match the motion of the comment lines."""
         lines = decode_text(content).split("\n")
-        count = next((i for i, line in enumerate(lines) if not line.startswith("# ")), len(lines))
+        ours = "# " if lines[0].startswith("# format: ") else "# format: "  # comments of another program are no keys
+        count = next((i for i, line in enumerate(lines) if not line.startswith(ours)), len(lines))
         data = {}
         for line in lines[:count]:
             key, colon, value = line[2:].partition(": ")

@@ -57,13 +57,15 @@ def read_log(table: TextTable, robot: Robot, names: list[str]) -> MessagePoints:
     clocks = {header: column for header, column in _find_clocks(table).items() if header not in used}
     stems = {split_unit(header)[0] for header in clocks}
     pair = len(stems) == 1 and {column.unit for column in clocks.values()} == {"s", "ns"} and _are_parts(table, clocks)
-    expected = f"one column of times (t, stamp, time_ms …), and one for each of {', '.join(names)} (by name, or q1 …)"
+    expected = f"times, and a column for each joint, {_abbreviate(names)} (or q1 …)"
     if len(clocks) != 1 + pair or 0 not in sets or (2 in sets and 1 not in sets):
-        kinds = {"times": clocks, POINT_FIELDS[0]: {}, **{POINT_FIELDS[order]: group for order, group in sets.items()}}
-        known = "; ".join(f"{kind}: {', '.join(group) or 'none'}" for kind, group in kinds.items())[:200]
-        others = " or ".join(map(repr, clocks))[:160] if len(clocks) > 1 + pair else ""
-        advice = f"columns='t,{','.join(names)}' names all columns, ignore={others} leaves some out"
-        raise table.make_header_error(expected, f"found: {known}; {advice}")
+        lacks = "accelerations without velocities" if 0 in sets else "no positions"
+        advice = f"it has {lacks if clocks else 'no times'}: columns='t,{_abbreviate(names)}' names all columns"
+        if len(clocks) > 1 + pair:
+            advice = f"ignore={' or '.join(map(repr, clocks))[:60]} leaves times out"
+        elif len(table.columns) - len(clocks) < robot.n:
+            advice = f"{robot.name} has {robot.n} joints: robot= names another arm"
+        raise table.make_header_error(expected, advice)
     table.refuse_others([*clocks, *used], expected)
     table, clock, sizes = table._replace(columns=clocks | used), [*clocks], [c.size for c in clocks.values()]
     begin = float(table.read_numbers(clock)[:1].sum())
@@ -118,9 +120,13 @@ def _find_sets(table: TextTable, robot: Robot, names: list[str]) -> dict[int, Co
                 raise InvalidInput(table.locate(), ",".join(both)[:160], expected, advice=advice)
             if len(group) == robot.n and order not in sets:
                 sets[order] = group
-                words = f"the columns {','.join(group)} are read as joints {','.join(names)}, by their numbers"
+                words = f"{_abbreviate([*group])} are read as {_abbreviate(names)} of {robot.name}, by number (robot=)"
                 table.notes.extend([words] * (not by_name))
     return sets
+
+
+def _abbreviate(names: list[str]) -> str:
+    return ",".join(names if len(names) < 4 else [names[0], "…", names[-1]])
 
 
 def _find_order(stem: str) -> int | None:

@@ -161,6 +161,8 @@ def _check_arm(saved: Motion, exact: bool, robot: Robot, names: list[str], file:
 def _find_message(data: Any) -> Any:
     """Return the only JointTrajectory at any depth of a message: the mapping that has points, or columns of positions."""
     found = [one for one in find_mappings(data) if one.get("points") or ("joint_names" in one and one.get("positions"))]
+    if not found and any("joint_limits" in one for one in find_mappings(data)):
+        raise InvalidInput("content", "joint_limits", "a trajectory", advice="load_limits reads this file")
     if len(found) > 1:
         raise InvalidInput("trajectory", f"{len(found)} trajectories", "one mapping with joint_names and points")
     return found[0] if found else data

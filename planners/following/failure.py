@@ -132,21 +132,24 @@ def format_position(path: Path, s: float) -> str:
 def explain_end(robot: Robot, path: Path, reach: Array, ended: TrackEnd, q: Array) -> PlanFailure:
     """Return the failure at the end of a branch, by its last valid configuration and the path just behind the end."""
     sigma, s, at = singular_value_at(robot, q), ended.s, format_position(path, ended.s)
+    if asked := _ask_unit(path, reach):
+        return PlanFailure(
+            FollowStatus.UNREACHABLE, s, None, asked, "coordinates in metres: are these in millimetres?", sigma
+        )
     if ended.code == march.LIMIT:
         i, ranges = ended.joint, ranges_of(robot)
         name, low, high, unit = ranges.names[i], ranges.lower[i], ranges.upper[i], joint_unit(robot, ranges.axis[i])
         reason = f"{name} reaches the end of its range [{low:.6g}, {high:.6g}] {unit} at {at}"
-        return PlanFailure(FollowStatus.OUTSIDE_LIMITS, s, name, reason + _ask_unit(path, reach), "", sigma)
+        return PlanFailure(FollowStatus.OUTSIDE_LIMITS, s, name, reason, "", sigma)
     status, reason = _explain_beyond(robot, path, reach, ended, q, sigma)
-    reason = f"{reason}; smallest singular value {sigma:.2g}{_ask_unit(path, reach)}"
     return PlanFailure(status, s, None, reason, "", sigma)
 
 
 def _ask_unit(path: Path, reach: Array) -> str:
     """Return words on a path that ends so far away that its coordinates are probably in millimetres."""
     distance = outside_reach(reach, path.pose(path.end), 0.0, 0.0)
-    asked = ask_unit(distance, reach[7])
-    return asked and f"; its end is {distance:.4g} m away, and the arm reaches {reach[7]:.4g} m{asked}"
+    far = f"the path ends {distance:.4g} m away, and the arm reaches {reach[7]:.4g} m"
+    return far if ask_unit(distance, reach[7]) else ""
 
 
 def _explain_beyond(
@@ -178,13 +181,12 @@ def _explain_beyond(
     close = f": the smallest singular value comes to {march.SMALLEST_SINGULAR_VALUE:g} or below"
     singular = f"the arm is singular at {at}{close if ended.code == march.SINGULAR else f', {this} ends there'}"
     if result:
-        return FollowStatus.SINGULAR, f"{singular}; just beyond, another configuration reaches the path"
+        return FollowStatus.SINGULAR, f"{singular}; beyond, another configuration goes on"
     if result.status is IKStatus.OUTSIDE_LIMITS:
-        words = f"{singular}; just beyond, the path was reached only with joints outside their limits"
+        words = f"{singular}; beyond, the path was reached only with joints outside their limits"
         return FollowStatus.SINGULAR, words
     return FollowStatus.UNREACHABLE, (
-        f"the path leaves the reachable poses at {at}: no configuration was found just beyond, from "
-        f"{result.restarts + 1} initial guesses"
+        f"the path leaves the reachable poses at {at}: none of {result.restarts + 1} initial guesses led beyond"
     )
 
 

@@ -342,7 +342,7 @@ class Follower:
         if robot.n > 6:
             return f'branch="best", which may find another null-space motion; or {shorter}'
         if not solve_ik(robot, path.pose(path.end), robot.limits.clip(np.zeros(robot.n))):
-            return f"{shorter}: no configuration was found at the end of the path"
+            return f"{shorter}: its end was not reached"
         ways = find_branches(robot, path)
         if ways and ways[0].ended is None:
             start = _format(robot, ways[0].q[: self.shown])

@@ -8,6 +8,7 @@ import numpy as np
 
 from optik.check import check_number
 from optik.errors import InvalidInput
+from optik.tables import warn_of_assumptions
 
 Bounds = tuple[float, float]
 """Least and greatest value of each coordinate of a freedom; the greatest is the radius of a disc for `Freedom.round`."""
@@ -70,6 +71,9 @@ class Freedom:
         most = check_number(value, self.name, allowed, above=0.0)
         if self.round and self.unit == "rad" and most > np.pi:
             raise InvalidInput(self.name, most, "at most π", unit="rad")
+        if self.unit == "rad" and most > 4.0 * np.pi:
+            turns = f"{most:.4g} rad is {0.5 * most / np.pi:.3g} full turns: are these degrees?"
+            warn_of_assumptions(self.name, [turns], 4)
         return -most, most
 
 

@@ -1,4 +1,4 @@
-"""Two arms that carry a piece along one path: the joint path of the chain through both, one branch of each."""
+"""Two arms that carry a workpiece along one path: the joint path of the chain through both, one branch of each."""
 
 from __future__ import annotations
 

@@ -56,7 +56,7 @@ def plan_group(
         if start is None:
             raise InvalidInput("q_start", "None", "the configuration that the motion starts from")
         goal = _find_goal(group, path, group.split(start))[order]
-    if carriers:  # the piece moves over ground, as the tools of both
+    if carriers:  # the workpiece moves over ground, as the tools of both
         by_member[tool] = replace(
             by_member[tool],
             **{name: by_member[PATH].value(name) for name in TOOL_SPEEDS if by_member[PATH].value(name) is not None},
@@ -72,20 +72,20 @@ def plan_group(
 
 
 def _check_carriers(group: Group, carriers: Sequence[Any], frame: str | None) -> tuple[str, str]:
-    """Return the two members that carry a piece."""
+    """Return the two members that carry a workpiece."""
     if len(carriers) != 2 or len({*carriers}) != 2 or any(name not in group.members for name in carriers):
-        raise InvalidInput("tool", repr(carriers)[:60], f"two of {', '.join(group.members)}, to carry a piece")
+        raise InvalidInput("tool", repr(carriers)[:60], f"two of {', '.join(group.members)}, to carry a workpiece")
     if frame not in (None, WORLD):
-        raise InvalidInput("frame", repr(frame), f"none, or {WORLD!r}: the path of a piece is in the world")
+        raise InvalidInput("frame", repr(frame), f"none, or {WORLD!r}: the path of a workpiece is in the world")
     return carriers[0], carriers[1]
 
 
 def _carry(
     chain: Robot, arms: Sequence[Robot], path: Any, starts: Sequence[Array | None], options: PlanOptions
 ) -> Plan:
-    """Return the plan of the chain through two arms that carry a piece, of the first pair of branches that solves it."""
+    """Return the plan of the chain through two arms that carry a workpiece, of the first pair of branches that solves it."""
     if not isinstance(path, Path) or path.in_joints or path.asked != "pose":
-        raise InvalidInput("path", repr(path)[:60], "a path of the piece with all six coordinates")
+        raise InvalidInput("path", repr(path)[:60], "a path of the workpiece with all six coordinates")
     law, seconds = make_law(options.timing), read_time_limit(options.resolve, options.time_limit)
     solvers = [get_solver(arm, options.solver) for arm in arms]
     law.need(options.limits, chain)

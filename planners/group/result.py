@@ -157,7 +157,7 @@ class GroupPlan:
 
     @cached_property
     def held(self) -> HeldPose | None:
-        """What is proved of the distance and the angle between two tools that carry a piece; None if they do not."""
+        """Bounds on the distance and the angle between two tools that carry a workpiece; None if they carry none."""
         if len(self.paths) < 2:
             return None
         speeds = [self.members[name].certificate.analysis.tool_speed[0] for name in self.paths]

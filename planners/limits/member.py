@@ -1,4 +1,4 @@
-"""Limits of one member of a group, on a motion of a chain through several: judged in the member's own base."""
+"""Limits of one member of a group, on the motion of a chain through several. They are judged in the member's own base."""
 
 from __future__ import annotations
 
@@ -66,11 +66,11 @@ class MemberLimit(Limit):
         self.subject, self.on_goods = kind.subject and f"{member}/{kind.subject}", kind.on_goods  # type: ignore[misc]
 
     def check(self, value: Any) -> Any:
-        """Return the value."""
+        """Return the value unchanged."""
         return value
 
     def array(self, value: Any, n: int) -> Any:
-        """Return the value."""
+        """Return the value unchanged."""
         return value
 
     def to_plain(self, value: MemberValue) -> Any:  # type: ignore[override]
@@ -96,7 +96,7 @@ class MemberLimit(Limit):
         return self.kind.is_given(self._own(limit))
 
     def check_robot(self, robot: Robot, limit: MemberValue) -> None:
-        """Raise InvalidInput for a member without what the limit needs."""
+        """Raise InvalidInput for a member whose model lacks what the limit needs, such as masses."""
         self.kind.check_robot(limit.robot, self._own(limit))
 
     def check_still(self, joint_path: LimitedPath, limit: MemberValue) -> None:

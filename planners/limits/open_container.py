@@ -34,7 +34,9 @@ class OpenContainer(Record):
         expected = "an angle above 0 and below π/2 [rad]"
         object.__setattr__(self, "angle", check_number(self.angle, "open_container.angle", expected, above=0.0))
         if not self.angle < 1.5707:
-            raise InvalidInput("open_container.angle", f"{self.angle:.6g}", expected)
+            raise InvalidInput(
+                "open_container.angle", f"{self.angle:.6g}", expected, advice="np.deg2rad converts degrees"
+            )
         check_place(self, "open_container")
 
     @property

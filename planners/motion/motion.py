@@ -500,7 +500,7 @@ def _refuse_static(prefix: str, robot: Robot, unit: str, static: TorqueRatios, l
     most, s = abs(float(limit[1 if static.upper[i] else 0, i])), float(static.time[i])
     force, joint = "N" if robot.prismatic[i] else "N·m", prefix + robot.joint_names[i]
     raise NoSolution(
-        f"the limit of {most:.6g} {force} on the torque of {joint} is below the {static.found[i] * most:.6g} {force} "
-        f"that gravity and friction need at s = {s:.6g} {unit}, however slowly the arm moves",
+        f"the limit of {most:.6g} {force} on the torque of {joint} is below the {static.found[i] * most:.4g} {force} "
+        f"that gravity and friction need at s = {s:.4g} {unit} at any speed",
         s=s, joint=joint, advice="another path, a lighter payload, or a higher limit",
     )  # fmt: skip

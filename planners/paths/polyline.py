@@ -103,6 +103,8 @@ class Polyline(PiecewisePath):
     def __init__(self, waypoints: ArrayLike, *, blend: ArrayLike = 1e-3, blend_rotation: ArrayLike = 1e-2) -> None:
         self._given = check_waypoints(waypoints)
         self._blend = _check_tolerances(blend, "blend", "m", len(self._given) - 2)
+        if self._blend.size and self._blend.min() > 1.0:
+            warn_of_assumptions("blend", [f"{self._blend.min():g} m: are these millimetres?"])
         self._blend_rotation = _check_tolerances(blend_rotation, "blend_rotation", "rad", len(self._given) - 2)
         kept, room = _merge_waypoints(self._given, self._blend, self._blend_rotation)
         self.dropped = tuple(sorted(set(range(len(self._given))) - set(kept)))

@@ -39,10 +39,7 @@ FARTHEST_POINT = 100.0
 """Farthest point [m] for an unknown arm: larger coordinates are probably in millimetres."""
 LEAST_VIA_TOLERANCE = 1e-6
 """Least tolerance of a via point [m, rad]: below it, rounding decides whether the point is met."""
-ACCEPTED_HEADER = (
-    "a header line that names x,y,z [m] or x_mm,y_mm,z_mm, alone or with one of qx,qy,qz,qw; roll,pitch,yaw [rad]; "
-    "roll_deg,pitch_deg,yaw_deg; i,j,k; nx,ny,nz; rx,ry,rz [rad]; A,B,C"
-)
+ACCEPTED_HEADER = "a header with x,y,z [m] or x_mm,y_mm,z_mm, and perhaps an orientation, such as qx,qy,qz,qw or A,B,C"
 """The allowed header lines, as an error states them."""
 TOLERANCE_COLUMNS = ("tolerance_mm", "tolerance_deg")
 """Columns of the tolerance of via points."""
@@ -82,15 +79,15 @@ def read_joint_waypoints(robot: Robot, table: TextTable, unit: str | None) -> li
     """Return the rows of a table, of which the first is a configuration; see `PointToPoint.from_csv`."""
     in_units = [f"q{i + 1}_{'mm' if slides else 'deg'}" for i, slides in enumerate(robot.prismatic)]
     accepted = (
-        f"a header line that names {','.join(in_units)} (or q1,… [rad, m]) for {robot.name}, with x_mm,y_mm,z_mm and an "
-        f"orientation for rows with poses, and {','.join(TOLERANCE_COLUMNS)} for tolerances"
+        f"a header with {in_units[0]},…,{in_units[-1]} (or q1,… [rad, m]), and perhaps x_mm,y_mm,z_mm with an orientation or "
+        f"{','.join(TOLERANCE_COLUMNS)}"
     )
     joints = {f"q{i + 1}": "m" if slides else "rad" for i, slides in enumerate(robot.prismatic)}
     table, turned = _resolve(table, joints | dict.fromkeys(TOLERANCE_COLUMNS, ""), unit, accepted)
     names, parts = table.columns, (POSITION_COLUMNS, TOLERANCE_COLUMNS)
-    table.refuse_others([*joints, *turned, *POSITION_COLUMNS, *TOLERANCE_COLUMNS], accepted)
     if not set(joints) <= set(names) or any(0 < len(set(part) & set(names)) < len(part) for part in parts):
         raise table.make_header_error(accepted)
+    table.refuse_others([*joints, *turned, *POSITION_COLUMNS, *TOLERANCE_COLUMNS], accepted)
     others = [name for name in names if name in POSITION_COLUMNS + turned]
     if len(table.lines) < 2:
         raise InvalidInput(table.file, "fewer than two rows", "a start and a goal")

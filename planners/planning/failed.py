@@ -1,4 +1,4 @@
-"""A failed plan: why it failed, its motion up to there as plain data, as the content of a viewer, and as a figure."""
+"""A failed plan as plain data, as the content of a viewer, and as a figure: the reason, and the motion before the failure."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def _sample_before_failure(plan: Any) -> tuple[Array, Array]:
 
 
 def plot_failed_plan(plan: Any) -> Any:
-    """Return a figure of the joint positions up to the failure, in order; the plan has no times."""
+    """Return a figure of the joint positions before the failure, in the order of the path: the plan has no times."""
     t, q = _sample_before_failure(plan)
     where = f"s = {plan.failure.s:.4g} of {plan.path.end:.4g} {plan.path.unit}"
     words = f"{plan.robot.name}: plan FAILED, {str(plan.status).replace('_', ' ')} at {where}"

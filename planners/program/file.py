@@ -360,11 +360,8 @@ class _Reader:
             com = read_vector(row.get("payload_com_mm", [0.0, 0.0, 0.0]), "payload_com_mm") * 1e-3
             payload = Payload(mass, com) if mass else None
             if mass and robot.inertia is None:
-                raise InvalidInput(
-                    "payload_kg",
-                    f"{mass:g} on {robot.name}",
-                    "an arm with masses (in its file), or no payload_kg",
-                )
+                expected = "an arm with masses (in its file), or no payload_kg"
+                raise InvalidInput("payload_kg", f"{mass:g} on {robot.name}", expected)
         elif "payload_com_mm" in row:
             raise InvalidInput("payload_com_mm", "a centre of mass without a mass", "payload_kg, too")
         tool = read_pose(row["tool"], "tool") if "tool" in row else KEEP

@@ -224,7 +224,7 @@ class PartFollower:
         except InvalidInput as error:
             if error.argument.startswith(label):
                 raise
-            raise InvalidInput(f"{label}: {error.argument}", error.got, error.expected) from None
+            raise InvalidInput(f"{label}: {error.argument}", error.got, error.expected, advice=error.advice) from None
         if followed.failure is not None:
             return self.explain(k, path, followed.failure, followed.joint_path)
         path, joints = self._close_gap(k, path, followed.joint_path, q)

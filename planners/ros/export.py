@@ -501,8 +501,8 @@ def find_columns(robot: Robot, joint_names: JointNames) -> dict[str, int]:
 
 def _check_ends(trajectory: Trajectory, rate: float | None) -> None:
     """Raise InvalidInput for a motion that controllers refuse: one that is too long or does not end at rest."""
-    if rate is not None and rate * LONGEST_DURATION < 1.0:
-        raise InvalidInput("rate", f"{rate:.9g}", f"periods of at most {LONGEST_DURATION} s")
+    if rate is not None and rate * min(LONGEST_DURATION, 10.0 * trajectory.duration) < 1.0:
+        raise InvalidInput("rate", f"{rate:.9g}", "points per second", advice="is this a period?")
     if trajectory.duration > LONGEST_DURATION:
         raise InvalidInput("motion", f"{trajectory.duration:.3g} s", f"at most {LONGEST_DURATION} s")
     start, end = at_rest(trajectory)

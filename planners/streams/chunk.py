@@ -158,7 +158,9 @@ def refuse_targets(P: Array, robot: Robot) -> str:
     return f"target {k} of {robot.joint_names[i]} is {words}{': ' if asked else ''}{asked}"
 
 
-def load_chunks(file: str | os.PathLike[str], robot: Robot, rate: float, *, columns: Names = None) -> list[Chunk]:
+def load_chunks(
+    file: str | os.PathLike[str], robot: Robot, rate: float, *, columns: Names = None, ignore: Names = None
+) -> list[Chunk]:  # fmt: skip
     """Read the chunks of a table with the columns observed, index, and the joints in the robot's order.
 
     Parameters
@@ -172,6 +174,8 @@ def load_chunks(file: str | os.PathLike[str], robot: Robot, rate: float, *, colu
         Targets per second [1/s].
     columns : str or sequence of str, optional
         Names of the columns of a file without a header, or new names.
+    ignore : str or sequence of str, optional
+        Columns that are left out.
 
     Returns
     -------
@@ -184,16 +188,19 @@ def load_chunks(file: str | os.PathLike[str], robot: Robot, rate: float, *, colu
         Missing or other columns, cells that are not numbers, a chunk with fewer than two targets.
     """
     joints = {f"q{i + 1}": "m" if slides else "rad" for i, slides in enumerate(robot.prismatic)}
-    expected = f"columns observed,index,{','.join(joints)} (or q1_deg,… or the names of the joints)"
-    table = read_table(file, columns)
+    expected = f"columns observed,index,q1,…,q{robot.n} (or q1_deg,… or the joints' names)"
+    table = read_table(file, columns, ignore)
     names = dict(zip(robot.joint_names, joints, strict=True))
     table = table._replace(columns={names.get(name, name): column for name, column in table.columns.items()})
     table = table.resolve(joints | {"observed": "s", "index": ""})
+    if not {"observed", "index", *joints} <= {*table.columns}:
+        advice = f"robot= names another arm than {robot.name}, columns= names the columns"
+        raise table.make_header_error(expected, advice)
     table.refuse_others(["observed", "index", *joints], expected)
-    if len(table.columns) != robot.n + 2:
-        raise table.make_header_error(expected)
     observed, index = table.read_numbers(["observed"])[:, 0], table.read_numbers(["index"])[:, 0]
     q, chunks = table.read_numbers(list(joints)), []
+    if asked := ask_for_degrees(robot.limits, ~robot.prismatic, q):
+        raise InvalidInput(table.locate(), f"q up to {np.abs(q).max():.4g}", "angles [rad]", advice=asked)
     for t in np.unique(observed):
         rows = np.flatnonzero(observed == t)
         if rows.size < 2:

@@ -405,8 +405,8 @@ def _box(robot: Robot, limits: MotionLimits) -> Array:
         low, high = sides(bounds[name])
         if not np.isfinite(high).all():
             joint = robot.joint_names[int((~np.isfinite(high)).argmax())]
-            expected = f"finite limits on velocity, acceleration and jerk: MotionLimits.of(robot, {name}=…)"
-            raise InvalidInput("limits", f"no {name} limit of {joint}", expected)
+            expected, got = "finite limits on velocity, acceleration and jerk", f"no {name} limit of {joint}"
+            raise InvalidInput("limits", got, expected, advice=f"such as {name}=10")
         box[:, order] = (1.0 - SPARE) * np.stack([low, high], axis=1)
     return box
 

@@ -92,15 +92,15 @@ class ConstantSpeed(TimeLaw):
             return fastest if motion is None or motion.trajectory.duration > fastest.trajectory.duration else motion
         if self.speed > greatest:
             worst, in_ramp = _find_worst(distance, widest, self.speed)
-            turns = "rotation" if distance.turning else "tool"
+            turns, unit = ("rotation", "rad/s") if distance.turning else ("tool", "m/s")
             longer = "a longer ramp= (at most 0.5); " if in_ramp and self.ramp < 0.5 else ""
-            where = f"s = {worst.s:.6g}{f', in a ramp of {self.ramp:.3g} of the distance' if in_ramp else ''}"
+            slower = f"timing='optimal' with {turns}_speed={self.speed:.6g}"
+            where = f", in a ramp of {self.ramp:.3g} of the distance" if in_ramp else ""
             raise NoSolution(
-                f"a tool speed of {self.speed:.6g} is {format_ratio(self.speed / greatest)} times too fast: the limit on "
-                f"{worst.limit} is exceeded at {where}",
+                f"{self.speed:.6g} {unit} is {format_ratio(self.speed / greatest)} times too fast: the limit "
+                f"on {worst.limit} is exceeded at s = {worst.s:.4g}{where}",
                 s=worst.s, joint=worst.joint,
-                advice=f"a speed of at most {_round_down(greatest):.6g}; {longer}or timing='optimal' with "
-                f"{turns}_speed={self.speed:.6g}, which slows at corners only",
+                advice=f"speed={_round_down(greatest):.6g} or less; {longer}or {slower}",
             )  # fmt: skip
         return fastest.stretched(greatest / self.speed)
 

@@ -251,7 +251,7 @@ def test_meshes_of_packages_are_found_and_the_way_to_shapes_is_said(typed: Any, 
     warned, said = typed(*words)[2].splitlines()[:2]
     for line in (warned, said):
         assert (
-            "link 'base'" in line and "bar.stl" in line and "(--package-dir)" in line and "--without-shape base" in line
+            "link 'base'" in line and "bar.stl" in line and "--package-dir " in line and "--without-shape base" in line
         )
         assert "without_shape=" not in line and "package_dirs=" not in line
     assert typed(*words, "--without-shape", "base")[0] == 0

@@ -268,5 +268,5 @@ def test_the_pose_error_writes_nothing_beyond_its_arrays() -> None:
 
 @pytest.mark.parametrize(("R", "p"), [("x", [0, 0, 0]), (np.eye(4), [0, 0, 0]), (None, [1, 2]), (None, ["a"] * 3)])
 def test_a_pose_of_other_shapes_is_refused(R: Any, p: Any) -> None:
-    with pytest.raises(InvalidInput, match=r"^(R|p): expected an array of shape"):
+    with pytest.raises(InvalidInput, match=r"^(R|p): expected finite numbers of shape"):
         se3.pose(R, p)

@@ -69,14 +69,14 @@ def test_numbers_are_the_joints_in_their_order_and_it_is_said(read: Callable[...
     for head in ("t;J1;J2;J3", "t;q_0;q_1;q_2", "t;axis1;axis2;axis3", "t;joint_a1;joint_a2;joint_a3"):
         with pytest.warns(
             AssumptionWarning,
-            match=f"the columns {head[2:].replace(';', ',')} are read as joints shoulder,elbow,wrist, by",
+            match=f"{head[2:].replace(';', ',')} are read as shoulder,elbow,wrist of .*, by number \\(robot=",
         ):
             check(read(head))
     for head in ("t;q2;q3;q4", "t;q1;q2;q4", "t;m1;m2;m3", "t;effort1;effort2;effort3", "t;error1;error2;error3",
                  "t;/position/error/shoulder;/position/error/elbow;/position/error/wrist", "t;a1;a2;a3",
                  "t;pos_std_1;pos_std_2;pos_std_3"):  # fmt: skip
         with pytest.raises(
-            InvalidInput, match=r"line 1: .*; columns='t,shoulder,elbow,wrist' names all columns, ignore= leaves"
+            InvalidInput, match=r"line 1: .*; it has no positions: columns='t,shoulder,elbow,wrist' names all columns$"
         ):
             read(head)
         check(read(head, columns="t,shoulder,elbow,wrist"))
@@ -91,7 +91,7 @@ def test_two_sets_of_columns_are_refused(read: Callable[..., Trajectory]) -> Non
     check(read(head, ignore="target_q_0,target_q_1,target_q_2"))
     with pytest.raises(InvalidInput, match=r"ignore='shoulder_rad,elbow_rad,wrist_rad' or 'shoulder_deg,"):
         read("t;shoulder_deg;shoulder_rad;elbow_deg;elbow_rad;wrist_deg;wrist_rad")
-    with pytest.raises(InvalidInput, match=r"line 1: .*times: t, stamp;.* ignore='t' or 'stamp' leaves some out"):
+    with pytest.raises(InvalidInput, match=r"line 1: expected times.* ignore='t' or 'stamp' leaves times out$"):
         read("t;shoulder;elbow;wrist;stamp;x;y", ignore="x,y")
 
 
@@ -190,15 +190,14 @@ def test_numbers_of_columns_are_those_of_the_joints_names(tmp_path: Path) -> Non
         rows = [[0.0, *(0.0 for _ in heads)], [1.0, *(0.1 * i for i in range(len(heads)))]]
         file.write_text("\n".join(";".join(map(str, row)) for row in [["t", *heads], *rows]) + "\n")
         if at is None:
-            with pytest.raises(InvalidInput, match=r"positions: none; columns='t,"):
+            with pytest.raises(InvalidInput, match=r"no positions: columns='t,|robot= names another arm"):
                 load_trajectory(file, make_arm(*names))
             continue
         with pytest.warns(AssumptionWarning) as told:
             found = load_trajectory(file, make_arm(*names))
         np.testing.assert_allclose(found(1.0), [0.1 * i for i in at], rtol=0, atol=1e-12)
-        assert f"{','.join(heads[i] for i in at)} are read as joints {','.join(names)}, by their numbers" in str(
-            told[0].message
-        )
+        read, named = (",".join(x if len(x) < 4 else [x[0], "…", x[-1]]) for x in ([heads[i] for i in at], names))
+        assert f"{read} are read as {named} of " in str(told[0].message)
 
 
 def test_columns_that_may_be_positions_or_accelerations_are_named_both(tmp_path: Path) -> None:

@@ -355,7 +355,7 @@ def test_a_mistake_that_several_parts_meet_is_one_line_at_its_own_place(tmp_path
     goals = 2 * "[[part]]\nstart_of = 'bead'\n" + "[[part]]\nname = 'bead'\npolyline = 'bead.csv'\nframe = 'table'\n"
     for head, text, words in (
         (HEAD + FRAMES, goals.replace("bead.csv", "none.csv"), "[[part]] 3 'bead': polyline: expected a readable file"),
-        (HEAD + FRAMES.replace("rpy_deg", "rpy"), goals, "frames.table: expected a mapping with frame, xyz_mm, rpy_deg"),
+        (HEAD + FRAMES.replace("rpy_deg", "rpy"), goals, "frames.table: expected known keys; got rpy unknown; did"),
         (HEAD.replace('start = "home"\n', "") + FRAMES, goals, "start: expected joints or a configuration, because bead.csv "),
     ):  # fmt: skip
         with pytest.raises(InvalidInput):

@@ -617,7 +617,7 @@ def test_chunks_are_read_from_a_table(tmp_path):
     assert (first.observed, second.observed, first.rate) == (0.0, 0.1, 20.0)
     np.testing.assert_allclose(np.rad2deg(second.points)[:, 5], [0.0, 10.0])
     file.write_text("observed,index,q1\n0,0,1\n")
-    with pytest.raises(InvalidInput, match="columns observed,index,q1,q2"):
+    with pytest.raises(InvalidInput, match="columns observed,index,q1,…,q"):
         load_chunks(file, robot, 20.0)
     file.write_text("observed,index," + ",".join(robot.joint_names) + "\n0,0,1,2,3,4,5,6\n")
     with pytest.raises(InvalidInput, match="one target observed at 0 s"):

@@ -317,8 +317,8 @@ def test_a_saved_motion_is_read_for_an_arm_with_other_names(tmp_path: Path, two:
         ("time,j1,j2\n0,0,0\n1,0,0\n1,0,0\n", "line 4, column time"),
         ("time,j1,j2\n0,0,0\n", "one point"), ("\x00\x00", "line 1"), ("[" * 60_000, "line 1"), ("(" * 60_000 + " ", "line 1"),
         ('a' + '"' * 60_001, "line 1"), (" " * 60_000 + "x", "line 1"), ("time,j1,j2,j1\n", "different columns"),
-        ("time,t,j1,j2\n0,0,0,0\n1,1,0,0\n", "found: times: time, t; .* ignore='time' or 't' leaves"),
-        ("time,j1,j2,ddq_j1,ddq_j2\n0,0,0,0,0\n1,0,0,0,0\n", "accelerations: ddq_j1, ddq_j2; columns='t,j1,j2'"),
+        ("time,t,j1,j2\n0,0,0,0\n1,1,0,0\n", "expected times, .* ignore='time' or 't' leaves times out"),
+        ("time,j1,j2,ddq_j1,ddq_j2\n0,0,0,0,0\n1,0,0,0,0\n", "it has accelerations without velocities: columns='t,j1,j2'"),
     ],
     ids=range(15),
 )  # fmt: skip

@@ -25,8 +25,6 @@ NEIGHBOURS = "neighbours"
 """Reason why capsules of one link and of two consecutive links are not checked: they touch at their joint."""
 PAYLOAD = "payload"
 """Name of the capsules of a payload, which move with the tool's frame."""
-MOST_DESCRIBED = 3
-"""Largest number of links without a shape that a message describes."""
 Apart: TypeAlias = tuple[str | int, str | int, str]
 """Two parts of an arm, each a name of capsules or a number of a link, and the reason why they are not checked."""
 
@@ -115,11 +113,10 @@ class Shapes(ByContent):
 
     def describe_unread(self) -> str:
         """Describe the links whose shapes could not be read, with advice."""
-        words = "; ".join(f"link {link!r}: {reason}" for link, reason in self.unread[:MOST_DESCRIBED])
-        more = f"; and {len(self.unread) - MOST_DESCRIBED} more" if len(self.unread) > MOST_DESCRIBED else ""
-        links = tuple(dict.fromkeys(link for link, _ in self.unread))
-        advice = f"give the shapes (a file, or shapes.with_part), or plan without them: without_shape={links}"
-        return f"collision shapes that cannot be read ({words}{more}); plans with a scene are refused: {advice}"
+        (link, reason), *others = dict(self.unread).items()
+        more = f" and {len(others)} more" if others else ""
+        advice = f"; or without_shape={tuple(dict(self.unread)) if len(others) < 2 else ''}"
+        return f"no scene: the shapes of link {link!r}{more} are not read: {reason}{advice}"
 
     def describe_excess(self) -> str:
         """Describe by how much the shapes exceed the body of each part, where known: capsules, and hulls in brackets."""

@@ -92,9 +92,10 @@ class MeshFolders:
         if outside:
             expected = "a mesh below the folder of the description or below package_dirs"
             raise InvalidInput(what, f"the mesh {name[:120]!r}, which lies elsewhere", expected)
-        asked = "; name the folder of its package (package_dirs=)"
-        hint = asked if scheme in ("package", "model") and separator else ""
-        raise InvalidInput(what, f"the mesh {name[:120]!r}, which does not exist{hint}", "an existing file")
+        if scheme in ("package", "model") and separator:
+            got = f"{path.partition('/')[0]}/…/{Path(path).name}"[:120]
+            raise InvalidInput(what, got, "an existing mesh", advice="package_dirs= finds it")
+        raise InvalidInput(what, repr(name[:120]), "an existing mesh")
 
     def _in_packages(self, path: str) -> list[tuple[Path, Path]]:
         """List roots and files of a path that begins with the name of a package."""
