@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optik.arm.chains import join_chains, join_limits
+from optik.arm.chains import join_chains, join_limits, join_members
 from optik.arm.library import load
 from optik.arm.limits import ByContent, JointLimits
 from optik.arm.plain import read_pose, read_record, read_word
@@ -234,6 +234,55 @@ class Group(ByContent):
         """
         own = self.columns(tool)
         return own if frame == WORLD else np.concatenate([self.columns(frame)[::-1], own])
+
+    def as_robot(self, tool: str | None = None) -> Robot:
+        """Return all members as one robot in the world, which has their joints in the order of the group.
+
+        It has no masses, so limits on torques are refused for it. In its chain, axes lead from each member back to the world.
+
+        Parameters
+        ----------
+        tool : str, optional
+            The member whose tool is that of the robot, by default the last one.
+
+        Returns
+        -------
+        Robot
+
+        Raises
+        ------
+        InvalidInput
+            An unknown name.
+        """
+        tool = list(self.members)[-1] if tool is None else tool
+        self._check(tool, "tool")
+        kept: dict[str, Robot] = self.__dict__.setdefault("_robots", {})
+        if tool not in kept:
+            kept[tool] = join_members(self.members, tool)
+        return kept[tool]
+
+    def places(self, robot: Robot) -> Indices:
+        """Return the indices in a robot of the joints of the group, by their names.
+
+        Parameters
+        ----------
+        robot : Robot
+            A chain through all members, or `as_robot`.
+
+        Returns
+        -------
+        (n,) array of int
+            ``q[..., group.places(robot)]`` are the joints of the group.
+
+        Raises
+        ------
+        InvalidInput
+            A robot with other joints.
+        """
+        names, wanted = robot.joint_names, self.joint_names
+        if set(names) != set(wanted):
+            raise InvalidInput("robot", ", ".join(names)[:80], f"the joints of the group, {', '.join(wanted)}"[:80])
+        return np.array([names.index(name) for name in wanted])
 
     def with_payload(
         self, mass: float, com: ArrayLike = (0.0, 0.0, 0.0), inertia: ArrayLike | None = None, *,

@@ -45,12 +45,17 @@ def plan_group(
     tool; the tool is a pair of members that carry a workpiece.
     """
     carriers = names[1] if isinstance(names[1], tuple | list) else ()
-    frame, tool = _find_chain(group, _check_carriers(group, carriers, names[0]) if carriers else names)
     for argument, value in zip(("frame", "tool"), names, strict=True) if isinstance(path, Mapping) else ():
         if value is not None:
             raise InvalidInput(argument, repr(value)[:60], "none: goals by member have no path")
-    scene, order, by_member = options["scene"], group.order(frame, tool), read_member_limits(group, limits)
-    chain = group.chain(frame, tool) if scene is None else chain_in_scene(group, frame, tool, scene)
+    scene, by_member = options["scene"], read_member_limits(group, limits)
+    if isinstance(path, Mapping) and len(group.members) > 2:
+        (frame, tool), chain = (WORLD, list(group.members)[-1]), group.as_robot()
+        options = {**options, "solver": "dls"}  # for any number of joints; goals of joints need no inverse kinematics
+    else:
+        frame, tool = _find_chain(group, _check_carriers(group, carriers, names[0]) if carriers else names)
+        chain = group.chain(frame, tool) if scene is None else chain_in_scene(group, frame, tool, scene)
+    order = np.argsort(group.places(chain))
     start, goal = None if q_start is None else _read_joints(group, q_start), path
     if isinstance(path, Mapping):
         if start is None:
@@ -61,8 +66,8 @@ def plan_group(
             by_member[tool],
             **{name: by_member[PATH].value(name) for name in TOOL_SPEEDS if by_member[PATH].value(name) is not None},
         )
-    joined = join_member_limits(group, frame, tool, by_member)
-    view = PlanOptions(**{**options, "limits": joined, "scene": None if scene is None else Scene()})
+    joined = join_member_limits(group, chain, by_member)
+    view = PlanOptions(**{**options, "limits": joined, "scene": scene if scene is None or frame == WORLD else Scene()})
     result = partial(GroupPlan, group, frame, tool, by_member, scene)
     if carriers:
         starts = [None if start is None else start[group.columns(name)] for name in (frame, tool)]

@@ -6,7 +6,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import combinations_with_replacement
+from itertools import combinations, combinations_with_replacement
 from typing import Any
 
 import numpy as np
@@ -14,18 +14,22 @@ import numpy as np
 from optik.arm.group import Group
 from optik.errors import InvalidInput
 from optik.scene import Scene
-from optik.view.page import Page
+from optik.view.page import Page, show_page
 from planners.certificate.certificate import Certificate
 from planners.certificate.clearance import Clearance, clearance
 from planners.certificate.held import HeldPose, prove_held
-from planners.files import save
+from planners.files import check_output, save
 from planners.following.failure import PlanFailure
+from planners.group.limits import join_member_limits
 from planners.limits import DERIVATIVES, MotionLimits
 from planners.motion import Motion, PlanStatus
+from planners.motion.motion import World
+from planners.motion.show import show_motion, show_trajectory
 from planners.paths.base import Path
 from planners.paths.joint_curve import JointCurve
 from planners.paths.program import ProgramPath
 from planners.planning.result import Plan
+from planners.ros.export import RosExport, to_ros
 from planners.trajectory import Trajectory, map_joints
 
 OF_MEMBER = "of one member"
@@ -104,8 +108,8 @@ class GroupPlan:
 
     @property
     def motion(self) -> Motion:
-        """The motion of the chain, for files and messages; raises `NoSolution` if there is none."""
-        return self._plan.motion
+        """The motion of the chain, for files, messages and viewers; raises `NoSolution` if there is none."""
+        return replace(self._plan.motion, world=World(self.group, self.scene))
 
     @property
     def duration(self) -> float:
@@ -115,8 +119,7 @@ class GroupPlan:
     @cached_property
     def trajectory(self) -> Trajectory:
         """The motion of all joints, in the order of the group; raises `NoSolution` if there is no motion."""
-        order = self.group.order(self.frame, self.tool)
-        return map_joints(self.view.trajectory, np.eye(self.group.n)[np.argsort(order)])
+        return map_joints(self.view.trajectory, np.eye(self.group.n)[self.group.places(self.view.robot)])
 
     @cached_property
     def members(self) -> dict[str, Motion]:
@@ -135,7 +138,7 @@ class GroupPlan:
     def _make_motion(self, name: str) -> Motion:
         """Return the motion of a member."""
         robot, limits, sections = self.group.members[name], self.limits[name], getattr(self.view, "sections", ())
-        columns = np.argsort(self.group.order(self.frame, self.tool))[self.group.columns(name)]
+        columns = self.group.places(self.view.robot)[self.group.columns(name)]
         curves = []
         for joints in [one.joint_path for one in sections or (self.view,)]:
             rows = joints.at_nodes[:, :, columns]
@@ -171,27 +174,46 @@ class GroupPlan:
             name: clearance(motion.robot, motion.trajectory, motion.scene or Scene())
             for name, motion in self.members.items()
         }
-        chain = self.group.chain(self.frame, self.tool)
+        return own | {f"{one} and {other}": self._find_clearance(one, other) for one, other in combinations(own, 2)}
+
+    def _find_clearance(self, *pair: str) -> Clearance:
+        """Return the proved distances between two members."""
+        chain, moved = self.group.chain(*pair), np.eye(self.group.n)[self.group.order(*pair)]
         assert chain.shapes is not None
-        each = [[one for one in dict.fromkeys(chain.shapes.names) if one.startswith(f"{name}/")] for name in own]
+        each = [[one for one in dict.fromkeys(chain.shapes.names) if one.startswith(f"{name}/")] for name in pair]
         apart = [(one, other, OF_MEMBER) for names in each for one, other in combinations_with_replacement(names, 2)]
         between = chain.with_shapes(chain.shapes.with_apart(apart))
-        return own | {" and ".join(own): clearance(between, self.view.trajectory, Scene())}
+        return clearance(between, map_joints(self.trajectory, moved), Scene())
 
     def show(self) -> Page:
-        """Show the motion of the tool in its frame: in the cell of a notebook, else in the browser."""
-        return self._plan.show()
+        """Show all members and the obstacles in the world: in the cell of a notebook, else in the browser."""
+        if isinstance(self.view, Plan):
+            return show_page(show_motion(self)) if self.view.has_motion else self.view.show()
+        limits, world = join_member_limits(self.group, self.view.robot, self.limits), World(self.group, self.scene)
+        moved = self.view.trajectory
+        return show_page(show_trajectory(self.view.robot, moved, self.certificate, limits, None, world))
 
     def plot(self) -> Any:
         """Plot the joints over time against their limits, as `Plan.plot`."""
         return self._plan.plot()
 
-    def save(self, file: str | os.PathLike[str]) -> None:
-        """Save the motion of the chain; `members` save those of each member.
+    def save(self, file: str | os.PathLike[str], **options: Any) -> RosExport | None:
+        """Save the motion of the chain and the members in the world; `members` save those of each member.
 
         Parameters
         ----------
         file : str or path
-            Its suffix chooses the format, as of `planners.save`.
+            Its suffix chooses the format, as of `planners.save`. A message of ROS is one file for each member, as of
+            `planners.to_ros` with controllers.
+        **options
+            As for `planners.save`.
+
+        Returns
+        -------
+        RosExport or None
+            For messages, the result of `to_ros`.
         """
-        save(self._plan, file)
+        if check_output(file, **{key: value for key, value in options.items() if key != "allow"}) is not None:
+            return save(self, file, **options)
+        options = {key: value for key, value in options.items() if key != "format"}
+        return to_ros(self, file, controllers={name: name for name in self.group.members}, **options)
