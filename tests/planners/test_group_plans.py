@@ -10,6 +10,7 @@ import pytest
 import optik
 import planners
 from optik import Group, JointLimits, Robot, Scene, se3
+from optik.arm.shapes.enclosure import complete_frame
 from optik.errors import InvalidInput, InvalidMotion
 from planners import (
     Arc,
@@ -27,6 +28,7 @@ from planners import (
     to_ros,
 )
 from planners.limits import OpenContainer
+from planners.motion.show import show_motion
 from planners.trajectory import cut_after
 from tests.planners.chains import draw_seam
 
@@ -293,3 +295,87 @@ def test_arguments_of_groups_are_checked() -> None:
             plan(group, seam, **options)
     with pytest.raises(InvalidInput, match="Group"):
         plan(group.members["arm"], seam, frame="table")
+
+
+def capsules_at(robot: Robot, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Links (m,), ends (k, m, 3) each in the world, and radii (m,) of an arm's capsules at configurations."""
+    link, a, b, radius = robot.shapes.capsules
+    frames = np.concatenate([np.broadcast_to(np.eye(4), (len(q), 1, 4, 4)), robot.frames(q)[:, :-1]], axis=1)[:, link]
+    ends = [np.einsum("kmij,mj->kmi", frames[..., :3, :3], x) + frames[..., :3, 3] for x in (a, b)]
+    return link, *ends, radius
+
+
+def around_a_table() -> Group:
+    """Three arms that look at the same place."""
+    arm, turns = optik.load("ur5e").with_limits(**RATES), 2.0 * np.pi / 3.0 * np.arange(3)
+    bases = (se3.pose(se3.exp_so3([0.0, 0.0, a]), [-0.48 * np.cos(a), -0.48 * np.sin(a), 0.0]) for a in turns)
+    return Group({name: arm.with_base(base) for name, base in zip("abc", bases, strict=True)})
+
+
+def test_three_members_reach_their_goals_on_one_clock() -> None:
+    group, q = around_a_table(), np.array([np.pi, -1.9, 1.9, -1.6, -1.57, 0.0])
+    start, floor = dict.fromkeys("abc", q), Scene(boxes=[(se3.pose(p=[0.0, 0.0, -0.1]), (2.0, 2.0, 0.05))])
+    pose = group.members["b"].fk(q + np.array([0.4, 0.1, 0, 0, 0, 0]))
+    found = plan(group, {"a": q + np.array([0.5, 0, 0, 0, 0, 0]), "b": pose}, start, scene=floor)
+    assert found and group.fk(found.trajectory(found.duration))["b"] == pytest.approx(pose, abs=1e-6)
+    assert set(found.clearances) == {"a", "b", "c", "a and b", "a and c", "b and c"}
+    assert all(one.proved for one in found.clearances.values())
+    assert found.members["c"].trajectory(found.duration) == pytest.approx(q, abs=1e-12)
+    for name, motion in found.members.items():
+        alone = certify(group.members[name], None, motion.trajectory, motion.limits, scene=floor)
+        assert alone.is_valid and motion.certificate.is_valid
+        for limit in ("velocity", "acceleration", "jerk"):
+            whole = getattr(found.certificate, limit).ratio[group.columns(name)]
+            assert getattr(alone, limit).ratio == pytest.approx(whole, abs=1e-9)
+        whole = found.certificate.extra[f"{name}.torque"].ratio
+        assert alone.torque.ratio == pytest.approx(whole, abs=1e-9)
+    with pytest.raises(InvalidInput, match="two members"):
+        plan(group, lift(), tool="a")
+
+
+def test_three_members_that_are_proved_apart_do_not_touch_by_coal() -> None:
+    coal = pytest.importorskip("coal")
+    group, rng = around_a_table(), np.random.default_rng(5)
+    middle, spread = np.array([np.pi, -1.9, 1.9, -1.6, -1.57, 0.0]), np.array([0.6, 0.3, 0.3, 0.3, 0.3, 0.3])
+
+    def place(a: np.ndarray, b: np.ndarray, radius: float) -> tuple[object, object]:
+        length = float(np.linalg.norm(b - a))
+        z = (b - a) / length
+        turn = np.column_stack([*complete_frame(z), z])
+        return coal.Capsule(radius, length), coal.Transform3s(turn, 0.5 * (a + b))
+
+    seen = set()
+    for k in range(12):
+        ends = [{name: middle + spread * rng.normal(size=6) for name in "abc"} for _ in range(2)]
+        if k not in (0, 11):  # two of the draws are enough: one whose straight motion is free, and one whose is not
+            continue
+        found, least, is_free = plan(group, ends[1], ends[0]), np.inf, bool(plan(group, ends[1], ends[0], scene=Scene()))
+        moved = group.split(found.trajectory(np.linspace(0.0, found.duration, int(1e3 * found.duration))))
+        arms = [capsules_at(group.members[name], joints) for name, joints in moved.items()]
+        for (_, a, b, r), (_, c, d, w) in itertools.combinations(arms, 2):
+            for i, j in np.ndindex(len(r), len(w)):
+                size = 0.5 * sum(np.linalg.norm(y[0] - x[0]) for x, y in ((a[:, i], b[:, i]), (c[:, j], d[:, j])))
+                far = 0.5 * np.linalg.norm(a[:, i] + b[:, i] - c[:, j] - d[:, j], axis=1) - size - r[i] - w[j]
+                for t in np.flatnonzero(far < min(least, 0.05)):
+                    pair = place(a[t, i], b[t, i], r[i]), place(c[t, j], d[t, j], w[j])
+                    distance = coal.distance(*pair[0], *pair[1], coal.DistanceRequest(), coal.DistanceResult())
+                    least = min(least, float(distance))
+        proved = min(one.own.value for name, one in found.clearances.items() if " and " in name)
+        assert proved <= least + 1e-6 and (least > 0.0) == is_free
+        seen.add(is_free)
+    assert seen == {True, False}
+
+
+def test_a_plan_is_shown_in_the_world(tmp_path: Path) -> None:
+    group, weld = welding(), Arc.about(se3.pose(np.diag([1.0, -1, -1]), [0.1, 0, 0.05]), [0, 0, 0.05], [0, 0, 1.0], 1.0)
+    limits = {"table": MotionLimits.of(table(), velocity=[0.5, 1.5])}
+    found = plan(group, weld, tool="arm", frame="table", limits=limits)
+    found.save(tmp_path / "seam.json")
+    for shown in map(show_motion, (found, load_motion(tmp_path / "seam.json"))):
+        joints = found.trajectory(shown.planned.t)
+        assert shown.robot.joint_names == group.joint_names and shown.planned.q == pytest.approx(joints, abs=1e-9)
+        assert shown.robot.fk(shown.planned.q) == pytest.approx(group.fk(joints)["arm"], abs=1e-12)
+        assert shown.path == pytest.approx(group.fk(joints)["arm"][:, :3, 3], abs=1e-9)
+        assert shown.limits["dq"][1].tolist() == [*RATES["velocity"], 0.5, 1.5]
+    both = combine(*facing(1.0, -1.9)).show()
+    assert all(word in both.html for word in ("left/joint6", "right/joint6"))
