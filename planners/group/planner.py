@@ -20,17 +20,21 @@ from optik.scene import Scene
 from optik.scene.world import chain_in_scene
 from optik.types import Array
 from planners.certificate.violation import LIMIT_WORDS, check_allow
+from planners.choice.choose import ChoiceReport, pick_plan, report
 from planners.following.follow import FollowResult, make_follower, read_time_limit
 from planners.group.carry import follow_branch_pairs
 from planners.group.limits import PATH, join_member_limits, read_member_limits
 from planners.group.result import GroupPlan
-from planners.limits import TOOL_SPEEDS
+from planners.group.still import follow_still, list_still
+from planners.limits import TOOL_SPEEDS, MotionLimits
 from planners.motion import PlanStatus
 from planners.paths.base import Path
+from planners.paths.free_path import FreePath
 from planners.planning.planner import PATH_FRACTION, PathPlanner, PlanOptions, PlanRequest
 from planners.planning.result import Plan
 from planners.timing import make_law
 
+STILL = ChoiceReport("the given path with the frame still: the chosen paths need more time or motion")
 PlanChain = Callable[[Robot, Any, Array | None, PlanOptions], Plan]
 """The planner of one arm."""
 
@@ -73,7 +77,11 @@ def plan_group(
         starts = [None if start is None else start[group.columns(name)] for name in (frame, tool)]
         arms = [group.members[name] for name in (frame, tool)]
         return result(_carry(chain, arms, path, starts, view), dict.fromkeys((frame, tool), path))
-    return result(plan_chain(chain, goal, None if start is None else start[order], view), {})
+    plan = plan_chain(chain, goal, None if start is None else start[order], view)
+    if isinstance(goal, Path) and goal.asked == "pose" and view.avoid is False:
+        members, by_name = (group.members[frame], group.members[tool]), None if start is None else group.split(start)
+        plan = _plan_still(plan, chain, members, by_name and (by_name[frame], by_name[tool]), view)
+    return result(plan, {})
 
 
 def _check_carriers(group: Group, carriers: Sequence[Any], frame: str | None) -> tuple[str, str]:
@@ -91,31 +99,61 @@ def _carry(
     """Return the plan of the chain through two arms that carry a piece, of the first pair of branches that solves it."""
     if not isinstance(path, Path) or path.in_joints or path.asked != "pose":
         raise InvalidInput("path", repr(path)[:60], "a path of the piece with all six coordinates")
-    law, seconds = make_law(options.timing), read_time_limit(options.resolve, options.time_limit)
     solvers = [get_solver(arm, options.solver) for arm in arms]
-    law.need(options.limits, chain)
-    request = PlanRequest(
-        chain, path, options.limits, label(solvers[0]), law, options.tolerance, options.rate, scene=options.scene,
-        allow=check_allow(options.allow, LIMIT_WORDS),
-    )  # fmt: skip
-    planner, allowed = (
-        PathPlanner(solvers[0], request, options.samples, options.strict, seconds),
-        options.tolerance.scale(PATH_FRACTION),
-    )
-
-    def follow(solver: IKSolver, q: Array | None) -> FollowResult:
-        branch = options.branch or ("best" if q is None else "start")
-        return make_follower(solver, path, q, branch, options.samples, allowed, None, seconds).run()
-
+    planner, follow = _make_planner(chain, path, solvers[0], options)
     plans = []
     for joints in follow_branch_pairs(solvers, path, chain, options.scene, follow, starts):
         if isinstance(joints, FollowResult):
             assert joints.failure is not None
-            return request.fail(PlanStatus(joints.failure.status), None, joints.failure)
+            return planner.request.fail(PlanStatus(joints.failure.status), None, joints.failure)
         plans.append(planner.time_joints(joints.path, joints, options.duration)[0])
         if plans[-1]:
             return plans[-1]
     return plans[0]
+
+
+def _make_planner(
+    chain: Robot, path: Path, solver: IKSolver, options: PlanOptions
+) -> tuple[PathPlanner, Callable[[IKSolver, Array | None], FollowResult]]:
+    """Return what times and certifies joint paths of a chain, and what follows the path with one arm."""
+    law, seconds = make_law(options.timing), read_time_limit(options.resolve, options.time_limit)
+    law.need(options.limits, chain)
+    request = PlanRequest(
+        chain, path, options.limits, label(solver), law, options.tolerance, options.rate, scene=options.scene,
+        allow=check_allow(options.allow, LIMIT_WORDS),
+    )  # fmt: skip
+
+    def follow(solver: IKSolver, q: Array | None) -> FollowResult:
+        branch, allowed = options.branch or ("best" if q is None else "start"), options.tolerance.scale(PATH_FRACTION)
+        return make_follower(solver, path, q, branch, options.samples, allowed, None, seconds).run()
+
+    return PathPlanner(solver, request, options.samples, options.strict, seconds), follow
+
+
+def _plan_still(
+    plan: Plan, chain: Robot, members: tuple[Robot, Robot], start: tuple[Array, Array] | None, options: PlanOptions
+) -> Plan:
+    """Return the plan, or that with the frame still if it takes less time, or as long with less travel.
+
+    members: those with the frame and with the tool; start: their joints, if they are given.
+    """
+    path, (frame, arm) = plan.path, members
+    if (isinstance(path, FreePath) and (set(path.bounds) != {"elbow"} or not plan.has_motion)) or path.in_joints:
+        return plan
+    first = start[0] if start else plan.trajectory(0.0)[: frame.n][::-1] if plan.has_motion else None
+    still = first[None] if start else list_still(frame, first)
+    options = replace(options, resolve="local")  # a path that needs a search with the frame still moves the frame better
+    planner, follow = _make_planner(chain, path, get_solver(chain, options.solver), options)
+
+    def follow_arm(moved: Robot) -> FollowResult:
+        return follow(get_solver(moved, options.solver), start[1] if start else None)
+
+    plans = [plan] if plan else []
+    for joints in follow_still(chain, frame, arm, still, follow_arm, MotionLimits.of(arm)):
+        timed = planner.time_joints(path, joints, options.duration)[0]
+        plans += [timed] if timed else []
+    best = pick_plan(plans) if plans else plan
+    return best if best is plan or plan.freedom is None else replace(best, freedom=report(best, STILL))
 
 
 def _find_chain(group: Group, names: tuple[str | None, str | None]) -> tuple[str, str]:

@@ -99,6 +99,25 @@ def test_the_redundancy_of_a_group_shortens_its_motion_and_laws_know_the_members
     assert slow and slow.duration == pytest.approx(seam.end / 0.05, rel=0.2)
 
 
+def test_a_table_that_stands_still_is_tried_too() -> None:
+    group, stood = welding(), list[tuple[planners.Path, dict[str, optik.types.Array], float]]()
+    arm, frame = group.members["arm"], group.members["table"]
+    for seed in (3, 13):
+        seam = draw_seam(np.random.default_rng([seed, 3]), 0.7)
+        turned = [se3.inverse(frame.fk([0.0, k * np.pi / 4])) for k in range(8)]
+        alone = [one.duration for T in turned if (one := plan(arm.with_base(T), seam))]
+        for path in (seam, free(seam, elbow=True)):
+            found = plan(group, path, tool="arm", frame="table")
+            assert found and found.duration <= 1.003 * min(alone, default=np.inf)
+            assert (found.view.freedom is None) == (path is seam)
+            q = group.split(found.trajectory(np.linspace(0.0, found.duration, 50)))
+            if (np.ptp(q["table"], axis=0) == 0.0).all():
+                stood.append((seam, {name: joints[0] for name, joints in q.items()}, found.duration))
+    assert stood
+    seam, start, least = stood[0]
+    assert plan(group, seam, start, tool="arm", frame="table").duration <= 1.003 * least
+
+
 def test_a_container_is_judged_over_ground_not_in_the_frame_of_the_table() -> None:
     arm = optik.load("ur5e").with_limits(**RATES).with_payload(0.5)
     group = Group(arm=arm, table=table())
@@ -349,7 +368,11 @@ def test_three_members_that_are_proved_apart_do_not_touch_by_coal() -> None:
         ends = [{name: middle + spread * rng.normal(size=6) for name in "abc"} for _ in range(2)]
         if k not in (0, 11):  # two of the draws are enough: one whose straight motion is free, and one whose is not
             continue
-        found, least, is_free = plan(group, ends[1], ends[0]), np.inf, bool(plan(group, ends[1], ends[0], scene=Scene()))
+        found, least, is_free = (
+            plan(group, ends[1], ends[0]),
+            np.inf,
+            bool(plan(group, ends[1], ends[0], scene=Scene())),
+        )
         moved = group.split(found.trajectory(np.linspace(0.0, found.duration, int(1e3 * found.duration))))
         arms = [capsules_at(group.members[name], joints) for name, joints in moved.items()]
         for (_, a, b, r), (_, c, d, w) in itertools.combinations(arms, 2):
