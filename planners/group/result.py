@@ -71,14 +71,19 @@ class GroupPlan:
         return str(self)
 
     def __str__(self) -> str:
-        lines = [str(self.view)]
+        return "\n".join([str(self.view), *self.remarks])
+
+    @property
+    def remarks(self) -> list[str]:
+        """Lines on what is proved besides the certificate of the chain: of paths in the world, of tools, between members."""
+        lines = list[str]()
         if self.view.has_motion:
             for name, motion in self._along.items():
                 lines += [f"{name}: {line}" for line in str(motion.certificate).splitlines()]
             lines += [] if self.held is None else [f"held: {self.held}"]
             for name, one in self.clearances.items() if self.scene is not None else ():
                 lines += [f"clearance of {name} {words} {kind.describe()}" for words, kind in one.kinds.items()]
-        return "\n".join(lines)
+        return lines
 
     def _repr_html_(self) -> str:
         """Return verdict, peaks and plots for a notebook."""

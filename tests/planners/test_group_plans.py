@@ -349,7 +349,11 @@ def test_three_members_that_are_proved_apart_do_not_touch_by_coal() -> None:
         ends = [{name: middle + spread * rng.normal(size=6) for name in "abc"} for _ in range(2)]
         if k not in (0, 11):  # two of the draws are enough: one whose straight motion is free, and one whose is not
             continue
-        found, least, is_free = plan(group, ends[1], ends[0]), np.inf, bool(plan(group, ends[1], ends[0], scene=Scene()))
+        found, least, is_free = (
+            plan(group, ends[1], ends[0]),
+            np.inf,
+            bool(plan(group, ends[1], ends[0], scene=Scene())),
+        )
         moved = group.split(found.trajectory(np.linspace(0.0, found.duration, int(1e3 * found.duration))))
         arms = [capsules_at(group.members[name], joints) for name, joints in moved.items()]
         for (_, a, b, r), (_, c, d, w) in itertools.combinations(arms, 2):
