@@ -36,29 +36,20 @@ def read_typed_group(robot: str, tool: str | None, frame: str | None) -> optik.G
     for name, value in (("--tool", tool), ("--frame", frame)) if group is None else ():
         if value is not None:
             _ = is_path(robot) and resolve_file(split_links(robot)[0], "robot")  # or there is no such file
-            raise InvalidInput(
-                name, value, "none for one arm: it names a member of a group, a file with [members.NAME]"
-            )
+            raise InvalidInput(name, value, "none for one arm: it names a member of a group's file")
     return group
 
 
 def find_chain(group: optik.Group, tool: str | None, frame: str | None) -> optik.Robot:
     """Return the chain whose tool follows the path; of two members that carry a piece, the first one."""
-    names = list(group.members)
+    from planners.group.planner import check_carriers, find_members
+
     if tool is None and frame is None:
-        expected = f"the member whose tool follows the path: {' or '.join(names)}"
-        raise InvalidInput("--tool", f"none, with the group of {', '.join(names)}", expected)
-    if len(names) > 2:
-        raise InvalidInput("--robot", f"a group of {len(names)} members", "two members, for a path")
-    first, *second = (tool or next((name for name in names if name != frame), names[0])).split(",")
-    others = [name for name in names if name != first]
-    if first not in names:
-        raise InvalidInput("--tool", repr(tool), " or ".join(names))
-    if second:
-        return group.members[first]
-    if frame is not None and frame not in others:
-        raise InvalidInput("--frame", repr(frame), " or ".join(others if tool else names))
-    return group.chain(frame or others[0], first)
+        expected = f"the member whose tool follows the path: {' or '.join(group.members)}"
+        raise InvalidInput("--tool", f"none, with the group of {', '.join(group.members)}", expected)
+    if "," in (tool or ""):
+        return group.members[check_carriers(group, str(tool).split(","), frame)[0]]
+    return group.chain(*find_members(group, (frame, tool)))
 
 
 def find_order(group: optik.Group, arm: optik.Robot) -> Indices:
@@ -107,8 +98,8 @@ class GroupCommand(MotionCommand):
         if self.group is None:
             return super().load_start()
         arm, (q, words) = self.load(), read_start(self.group, self.start_deg)
-        shown = words if arm.n == self.group.n else ""  # two members that carry a piece start where their path does
-        return Start(arm, q[find_order(self.group, arm)], shown, bool(words))
+        # Two members that carry a piece start where their path does.
+        return Start(arm, q[find_order(self.group, arm)], words if arm.n == self.group.n else "", bool(words))
 
     def find_joints(self, start: Start) -> Any:
         """Return the start as the planner takes it; None if there is none."""

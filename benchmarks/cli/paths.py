@@ -271,9 +271,7 @@ class PointToPointCommand(PlanCommand, TableCommand):
         if self.branch is not None:
             raise InvalidInput("--branch", self.branch, "no branch: configurations are chosen over all points")
         if self.group is not None:
-            raise InvalidInput(
-                "--robot", f"{self.robot}, a group", "one arm; `optik plan joints` and `program` take a group"
-            )
+            raise InvalidInput("--robot", f"{self.robot}, a group", "one arm; `optik plan joints` takes a group")
         return Start(self.load(), None, "")
 
     def make_path(self, start: Start) -> planners.Path:
@@ -354,14 +352,11 @@ class ProgramCommand(PlanCommand):
         """The content of the file, for the arm with the typed options."""
         from planners.program.file import find_robot, load_program
 
-        if self.group is not None:
-            arm, text = self.load(), self.start_deg
-            order = find_order(self.group, arm)
-            start = None if text is None else read_start(self.group, text)[0][order]
-            return load_program(self.file, arm, start, order)
-        arm = self.load(self.robot or find_robot(self.file))
-        start = read_configuration(arm, self.start_deg) if self.start_deg is not None else None
-        return load_program(self.file, arm, start)
+        arm, text, group = self.load(self.robot or find_robot(self.file)), self.start_deg, self.group
+        if group is None:
+            return load_program(self.file, arm, None if text is None else read_configuration(arm, text))
+        order = find_order(group, arm)
+        return load_program(self.file, arm, None if text is None else read_start(group, text)[0][order], order)
 
     def load_start(self) -> Start:
         """Return the robot and the program's start, unless another one is typed."""

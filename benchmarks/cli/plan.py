@@ -286,10 +286,10 @@ class PlanCommand(GroupCommand, SceneCommand):
         start = self.load_start()
         self._check()
         path = self.make_path(start)
-        allow, law = read_allowed(self.allow), self.make_law()
-        arm = start.arm if self.group is None else self.group.as_robot()
+        allow, law, group = read_allowed(self.allow), self.make_law(), self.group
+        arm = start.arm if group is None else group.as_robot()
         planned: Any = self.plan(start, path, law, [word for word in allow if word in LIMIT_WORDS])
-        of_path, plan = getattr(planned, "paths", {}), planned if self.group is None else planned.view
+        of_path, plan = getattr(planned, "paths", {}), planned if group is None else planned.view
         typed: dict[str, Any] = {name: value for name in SLOWED_TO if (value := getattr(self, name)) is not None}
         if self.rms_torque is not None:
             typed["rms_torque"] = read_bound(self.rms_torque, "--rms-torque")
@@ -305,8 +305,7 @@ class PlanCommand(GroupCommand, SceneCommand):
             _write_failed(plan, self.out_failed)
         joints = self.find_joints(start)
         begin = planned.trajectory(0.0) if plan.has_motion else joints
-        begins_elsewhere = joints is not None and np.abs(begin - joints).max() > SILENT_START
-        begins_elsewhere |= joints is None and self.group is not None
+        begins_elsewhere = group is not None if joints is None else np.abs(begin - joints).max() > SILENT_START
         if not begins_elsewhere:
             start.print_default()
         if self.as_json:
@@ -314,7 +313,7 @@ class PlanCommand(GroupCommand, SceneCommand):
             raise typer.Exit(0 if valid else 1)
         print_certificate(plan, law.list_enforced(plan.motion.limits))  # raises NoSolution without a motion
         print_choice(plan)
-        for line in () if self.group is None else planned.remarks:
+        for line in () if group is None else planned.remarks:
             out_console.print(translate(line), soft_wrap=True)
         if not valid:
             permission = f"--allow {','.join(words_for(refused, allow))} permits this motion"
@@ -323,11 +322,11 @@ class PlanCommand(GroupCommand, SceneCommand):
         if begins_elsewhere:
             out_console.print(f"start of the motion: --start-deg {format_joints(arm, begin)}", soft_wrap=True)
         if plan.path.configurations(plan.robot, np.zeros(1)) is not None:
-            goal = plan.goal if self.group is None else planned.trajectory(plan.duration)
+            goal = plan.goal if group is None else planned.trajectory(plan.duration)
             out_console.print(f"goal of the motion: {format_joints(arm, goal)} [degrees, prismatic mm]", soft_wrap=True)
         if self.out is not None:
             words = _describe_export(sent, plan) if sent or self.rate is None else _describe_points(plan, self.rate)
-            each = planned.members if sent and self.group is not None else ()
+            each = planned.members if sent and group is not None else ()
             files = " and ".join(str(self.out.with_suffix(f".{name}{self.out.suffix}")) for name in each) or self.out
             out_console.print(f"written to {files}{words}", soft_wrap=True)
 

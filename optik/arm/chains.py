@@ -96,9 +96,8 @@ def join_members(arms: Mapping[str, Arm], tool: str) -> Arm:
             links = [(0, np.eye(4)), *((len(fixed) + k, np.eye(4)) for k in range(1, N + 1))]
             part = shapes[name] = _place(arm.shapes, links, f"{name}/")
             near = ([part.names[i] for i in arm.shapes.find_capsules(k)] for k in (0, 1))
-            shapes[name] = part.with_apart(
-                {(*pair, NEIGHBOURS) for pair in product(*near)}
-            )  # links 0 and, for example, 13
+            # Base and first link of a further arm have no consecutive numbers.
+            shapes[name] = part.with_apart({(*pair, NEIGHBOURS) for pair in product(*near)})
         fixed += [at @ arm.fixed[0], *arm.fixed[1:]]
         axes, signs = np.append(axes, begins[name] + np.arange(N)), np.append(signs, np.ones(N))
         if name != tool:

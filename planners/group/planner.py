@@ -53,7 +53,7 @@ def plan_group(
         (frame, tool), chain = (WORLD, list(group.members)[-1]), group.as_robot()
         options = {**options, "solver": "dls"}  # for any number of joints; goals of joints need no inverse kinematics
     else:
-        frame, tool = _find_chain(group, _check_carriers(group, carriers, names[0]) if carriers else names)
+        frame, tool = find_members(group, check_carriers(group, carriers, names[0]) if carriers else names)
         chain = group.chain(frame, tool) if scene is None else chain_in_scene(group, frame, tool, scene)
     order = np.argsort(group.places(chain))
     start, goal = None if q_start is None else _read_joints(group, q_start), path
@@ -76,7 +76,7 @@ def plan_group(
     return result(plan_chain(chain, goal, None if start is None else start[order], view), {})
 
 
-def _check_carriers(group: Group, carriers: Sequence[Any], frame: str | None) -> tuple[str, str]:
+def check_carriers(group: Group, carriers: Sequence[Any], frame: str | None) -> tuple[str, str]:
     """Return the two members that carry a piece."""
     if len(carriers) != 2 or len({*carriers}) != 2 or any(name not in group.members for name in carriers):
         raise InvalidInput("tool", repr(carriers)[:60], f"two of {', '.join(group.members)}, to carry a piece")
@@ -118,7 +118,7 @@ def _carry(
     return plans[0]
 
 
-def _find_chain(group: Group, names: tuple[str | None, str | None]) -> tuple[str, str]:
+def find_members(group: Group, names: tuple[str | None, str | None]) -> tuple[str, str]:
     """Return the two members of the chain; by default those that are left."""
     members = list(group.members)
     if len(members) != 2:
@@ -128,9 +128,9 @@ def _find_chain(group: Group, names: tuple[str | None, str | None]) -> tuple[str
         tool = next(name for name in members[::-1] if name != frame) if frame is not None else members[0]
     if frame is None:
         frame = next((name for name in members if name != tool), WORLD)
-    if frame == WORLD:
-        advice = f"for a path in the world: plan(group.members[{tool!r}], path)"
-        raise InvalidInput("frame", repr(frame), f"a member other than {tool!r}", advice=advice)
+    if frame not in members:
+        advice = f"a path in the world is one of {tool!r} alone" if frame == WORLD else ""
+        raise InvalidInput("frame", repr(frame)[:60], f"a member other than {tool!r}", advice=advice)
     group.chain(frame, tool)
     return frame, tool
 

@@ -18,7 +18,7 @@ from optik.view.page import Page, show_page
 from planners.certificate.certificate import Certificate
 from planners.certificate.clearance import Clearance, clearance
 from planners.certificate.held import HeldPose, prove_held
-from planners.files import check_output, save
+from planners.files import save
 from planners.following.failure import PlanFailure
 from planners.group.limits import join_member_limits
 from planners.limits import DERIVATIVES, MotionLimits
@@ -29,7 +29,7 @@ from planners.paths.base import Path
 from planners.paths.joint_curve import JointCurve
 from planners.paths.program import ProgramPath
 from planners.planning.result import Plan
-from planners.ros.export import RosExport, to_ros
+from planners.ros.export import RosExport
 from planners.trajectory import Trajectory, map_joints
 
 OF_MEMBER = "of one member"
@@ -194,9 +194,9 @@ class GroupPlan:
         """Show all members and the obstacles in the world: in the cell of a notebook, else in the browser."""
         if isinstance(self.view, Plan):
             return show_page(show_motion(self)) if self.view.has_motion else self.view.show()
-        limits, world = join_member_limits(self.group, self.view.robot, self.limits), World(self.group, self.scene)
-        moved = self.view.trajectory
-        return show_page(show_trajectory(self.view.robot, moved, self.certificate, limits, None, world))
+        robot, moved, world = self.view.robot, self.view.trajectory, World(self.group, self.scene)
+        limits = join_member_limits(self.group, robot, self.limits)
+        return show_page(show_trajectory(robot, moved, self.certificate, limits, None, world))
 
     def plot(self) -> Any:
         """Plot the joints over time against their limits, as `Plan.plot`."""
@@ -209,7 +209,7 @@ class GroupPlan:
         ----------
         file : str or path
             Its suffix chooses the format, as of `planners.save`. A message of ROS is one file for each member, as of
-            `planners.to_ros` with controllers.
+            `planners.to_ros`.
         **options
             As for `planners.save`.
 
@@ -218,7 +218,4 @@ class GroupPlan:
         RosExport or None
             For messages, the result of `to_ros`.
         """
-        if check_output(file, **{key: value for key, value in options.items() if key != "allow"}) is not None:
-            return save(self, file, **options)
-        options = {key: value for key, value in options.items() if key != "format"}
-        return to_ros(self, file, controllers={name: name for name in self.group.members}, **options)
+        return save(self, file, **options)

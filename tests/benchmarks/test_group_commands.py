@@ -124,14 +124,14 @@ def test_a_group_is_listed_and_shown(typed: Any) -> None:
 
 WRONG = {
     "--tool: expected arm or table; got 'torch'": ("--tool", "torch"),
-    "--frame: expected table; got 'world'": ("--frame", "world"),
+    "--frame: expected a member other than 'arm'; got 'world'": ("--frame", "world"),
     "--limit: expected MEMBER.NAME=VALUE with a member: arm or table; got 'torque'": ("--limit", "torque=3"),
     "arm: torque: expected a positive number or 6 of them": ("--limit", "arm.torque=3,4"),
     "--tip: expected none for a group": ("--tip", "tool0"),
     "--torque: expected none for a group": ("--torque", "87"),
     "table/tilt within [-90, 90]°": ("--start-deg", "0,0,0,0,0,0,200,0"),
     "--start-deg: expected 8 joint values": ("--start-deg", "0,0,0"),
-    "--robot: expected two members, for a path; got a group of 3 members": ("--robot", "three.toml"),
+    "group: expected two members, for a plan; got 3 members": ("--robot", "three.toml"),
     "--tool: expected none for one arm: it names a member of a group": ("--robot", "ur5e"),
     "'nix.toml', which is no file": ("--robot", "nix.toml"),
 }
