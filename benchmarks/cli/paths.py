@@ -375,11 +375,11 @@ class ProgramCommand(PlanCommand):
         import planners
 
         planned: Any = super().plan(start, path, law, words)
-        found = planned if self.group is None else planned.view
+        found = planned if self.group is None else planned.chain_plan
         assert isinstance(found, planners.ProgramPlan)
         try:
             scheduled = found.schedule(self.content.events) if found.has_motion else found
-            return scheduled if self.group is None else replace(planned, view=scheduled)
+            return scheduled if self.group is None else replace(planned, chain_plan=scheduled)
         except InvalidInput:
             for i, event in enumerate(self.content.events, 1):  # name the one
                 try:

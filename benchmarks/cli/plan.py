@@ -289,7 +289,7 @@ class PlanCommand(GroupCommand, SceneCommand):
         allow, law, group = read_allowed(self.allow), self.make_law(), self.group
         arm = start.arm if group is None else group.as_robot()
         planned: Any = self.plan(start, path, law, [word for word in allow if word in LIMIT_WORDS])
-        of_path, plan = getattr(planned, "paths", {}), planned if group is None else planned.view
+        of_path, plan = getattr(planned, "paths", {}), planned if group is None else planned.chain_plan
         typed: dict[str, Any] = {name: value for name in SLOWED_TO if (value := getattr(self, name)) is not None}
         if self.rms_torque is not None:
             typed["rms_torque"] = read_bound(self.rms_torque, "--rms-torque")

@@ -260,9 +260,7 @@ class Group(ByContent):
         tool = list(self.members)[-1] if tool is None else tool
         self._check(tool, "tool")
         kept: dict[str, Robot] = self.__dict__.setdefault("_robots", {})
-        if tool not in kept:
-            kept[tool] = join_members(self.members, tool)
-        return kept[tool]
+        return kept.get(tool) or kept.setdefault(tool, join_members(self.members, tool))
 
     def places(self, robot: Robot) -> Indices:
         """Return the indices in a robot of the joints of the group, by their names.
@@ -411,7 +409,5 @@ def _read_member(data: Any, where: str, folder: Path) -> Robot:
     if "base" in data:
         robot = robot.with_base(read_pose(data["base"], f"{where}.base"))
     if "payload_kg" in data:
-        robot = robot.with_payload(
-            check_number(data["payload_kg"], f"{where}.payload_kg", "a mass of at least 0", least=0.0)
-        )
+        robot = robot.with_payload(check_number(data["payload_kg"], f"{where}.payload_kg", "a mass [kg]", least=0.0))
     return robot.with_tool(read_pose(data["tool"], f"{where}.tool")) if "tool" in data else robot
