@@ -96,7 +96,8 @@ def join_members(arms: Mapping[str, Arm], tool: str) -> Arm:
             links = [(0, np.eye(4)), *((len(fixed) + k, np.eye(4)) for k in range(1, N + 1))]
             part = shapes[name] = _place(arm.shapes, links, f"{name}/")
             near = ([part.names[i] for i in arm.shapes.find_capsules(k)] for k in (0, 1))
-            shapes[name] = part.with_apart({(*pair, NEIGHBOURS) for pair in product(*near)})  # links 0 and, for example, 13
+            # Base and first link of a further arm have no consecutive numbers.
+            shapes[name] = part.with_apart({(*pair, NEIGHBOURS) for pair in product(*near)})
         fixed += [at @ arm.fixed[0], *arm.fixed[1:]]
         axes, signs = np.append(axes, begins[name] + np.arange(N)), np.append(signs, np.ones(N))
         if name != tool:
@@ -107,7 +108,9 @@ def join_members(arms: Mapping[str, Arm], tool: str) -> Arm:
     joints = [f"{name}/{joint}" for name, arm in arms.items() for joint in arm.joint_names]
     ahead = _join_linkages(each, orders, prefix)
     names = tuple(f"{ahead.names[i]}{'' if sign > 0.0 else ' back'}" for i, sign in zip(axes, signs, strict=True))
-    follow = Linkage(ahead.joint[axes], signs * ahead.factor[axes], signs * ahead.offset[axes], ahead.prismatic[axes], names)
+    follow = Linkage(
+        ahead.joint[axes], signs * ahead.factor[axes], signs * ahead.offset[axes], ahead.prismatic[axes], names
+    )
     return replace(
         arms[tool], name=" and ".join(arms), fixed=np.array(fixed), inertia=None, payload=None, source="",
         shapes=_join_shapes([shapes[name] for name in arms], several=True) if len(shapes) == len(arms) else None,

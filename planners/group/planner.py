@@ -57,7 +57,7 @@ def plan_group(
         (frame, tool), chain = (WORLD, list(group.members)[-1]), group.as_robot()
         options = {**options, "solver": "dls"}  # for any number of joints; goals of joints need no inverse kinematics
     else:
-        frame, tool = _find_chain(group, _check_carriers(group, carriers, names[0]) if carriers else names)
+        frame, tool = find_members(group, check_carriers(group, carriers, names[0]) if carriers else names)
         chain = group.chain(frame, tool) if scene is None else chain_in_scene(group, frame, tool, scene)
     order = np.argsort(group.places(chain))
     start, goal = None if q_start is None else _read_joints(group, q_start), path
@@ -79,12 +79,13 @@ def plan_group(
         return result(_carry(chain, arms, path, starts, view), dict.fromkeys((frame, tool), path))
     plan = plan_chain(chain, goal, None if start is None else start[order], view)
     if isinstance(goal, Path) and goal.asked == "pose" and view.avoid is False:
-        members, by_name = (group.members[frame], group.members[tool]), None if start is None else group.split(start)
-        plan = _plan_still(plan, chain, members, by_name and (by_name[frame], by_name[tool]), view)
+        members = group.members[frame], group.members[tool]
+        parts = None if start is None else (start[group.columns(frame)], start[group.columns(tool)])
+        plan = _plan_still(plan, chain, members, parts, view)
     return result(plan, {})
 
 
-def _check_carriers(group: Group, carriers: Sequence[Any], frame: str | None) -> tuple[str, str]:
+def check_carriers(group: Group, carriers: Sequence[Any], frame: str | None) -> tuple[str, str]:
     """Return the two members that carry a piece."""
     if len(carriers) != 2 or len({*carriers}) != 2 or any(name not in group.members for name in carriers):
         raise InvalidInput("tool", repr(carriers)[:60], f"two of {', '.join(group.members)}, to carry a piece")
@@ -141,8 +142,11 @@ def _plan_still(
     if (isinstance(path, FreePath) and (set(path.bounds) != {"elbow"} or not plan.has_motion)) or path.in_joints:
         return plan
     first = start[0] if start else plan.trajectory(0.0)[: frame.n][::-1] if plan.has_motion else None
-    still = first[None] if start else list_still(frame, first)
-    options = replace(options, resolve="local")  # a path that needs a search with the frame still moves the frame better
+    still = [] if first is None else [first]
+    still += [] if start else list_still(frame)
+    options = replace(
+        options, resolve="local"
+    )  # a path that needs a search with the frame still moves the frame better
     planner, follow = _make_planner(chain, path, get_solver(chain, options.solver), options)
 
     def follow_arm(moved: Robot) -> FollowResult:
@@ -156,7 +160,7 @@ def _plan_still(
     return best if best is plan or plan.freedom is None else replace(best, freedom=report(best, STILL))
 
 
-def _find_chain(group: Group, names: tuple[str | None, str | None]) -> tuple[str, str]:
+def find_members(group: Group, names: tuple[str | None, str | None]) -> tuple[str, str]:
     """Return the two members of the chain; by default those that are left."""
     members = list(group.members)
     if len(members) != 2:
@@ -166,9 +170,9 @@ def _find_chain(group: Group, names: tuple[str | None, str | None]) -> tuple[str
         tool = next(name for name in members[::-1] if name != frame) if frame is not None else members[0]
     if frame is None:
         frame = next((name for name in members if name != tool), WORLD)
-    if frame == WORLD:
-        advice = f"for a path in the world: plan(group.members[{tool!r}], path)"
-        raise InvalidInput("frame", repr(frame), f"a member other than {tool!r}", advice=advice)
+    if frame not in members:
+        advice = f"a path in the world is one of {tool!r} alone" if frame == WORLD else ""
+        raise InvalidInput("frame", repr(frame)[:60], f"a member other than {tool!r}", advice=advice)
     group.chain(frame, tool)
     return frame, tool
 

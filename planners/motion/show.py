@@ -254,8 +254,8 @@ def show_motion(motion: Motion | HasMotion) -> Show:
     path = sample_path(found.path) if world is None else shown.path
     facts = (*motion_facts(found), *_freedom_facts(found.path), *_program_facts(found), *shown.facts)
     at = [event.t for event in found.events]
-    q = found.trajectory(np.array(at)) if world is None else found.trajectory(np.array(at))[:, world.group.places(found.robot)]
-    events = shown.robot.fk(q)[:, :3, 3] if at else None
+    order = slice(None) if world is None else world.group.places(found.robot)
+    events = shown.robot.fk(found.trajectory(np.array(at))[:, order])[:, :3, 3] if at else None
     before, zones = (sample_first_way(found.path), sample_zones(found.path)) if world is None else (None, ())
     return replace(shown, title=title, path=path, facts=facts, before=before, zones=zones, events=events)
 

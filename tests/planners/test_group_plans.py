@@ -83,7 +83,7 @@ def test_a_seam_is_followed_on_a_moving_table(seed: int) -> None:
         alone = certify(motion.robot, None, motion.trajectory, motion.limits)
         assert motion.certificate.is_valid and alone.is_valid
         for limit in ("velocity", "acceleration", "jerk"):
-            joints = [found.view.robot.joint_names.index(f"{name}/{joint}") for joint in motion.robot.joint_names]
+            joints = [found.chain_plan.robot.joint_names.index(f"{name}/{joint}") for joint in motion.robot.joint_names]
             whole = getattr(found.certificate, limit).ratio[joints]
             assert getattr(alone, limit).ratio == pytest.approx(whole, abs=1e-9)
 
@@ -109,7 +109,7 @@ def test_a_table_that_stands_still_is_tried_too() -> None:
         for path in (seam, free(seam, elbow=True)):
             found = plan(group, path, tool="arm", frame="table")
             assert found and found.duration <= 1.003 * min(alone, default=np.inf)
-            assert (found.view.freedom is None) == (path is seam)
+            assert (found.chain_plan.freedom is None) == (path is seam)
             q = group.split(found.trajectory(np.linspace(0.0, found.duration, 50)))
             if (np.ptp(q["table"], axis=0) == 0.0).all():
                 stood.append((seam, {name: joints[0] for name, joints in q.items()}, found.duration))
@@ -136,7 +136,9 @@ def test_a_container_is_judged_over_ground_not_in_the_frame_of_the_table() -> No
     )
     assert found.certificate.extra["arm.open_container"].ratio > 0.9
     with pytest.raises(InvalidInput, match="gravity"):
-        certify(group.chain("table", "arm"), None, found.view.trajectory, MotionLimits(extra={"open_container": 0.3}))
+        certify(
+            group.chain("table", "arm"), None, found.chain_plan.trajectory, MotionLimits(extra={"open_container": 0.3})
+        )
 
 
 def test_a_piece_in_two_hands_is_held() -> None:
@@ -199,7 +201,7 @@ def test_a_bump_of_one_hand_is_within_the_proved_distance() -> None:
 
     group = carrying()
     found, rng = plan(group, lift(), tool=("left", "right")), np.random.default_rng(5)
-    chain, motion = group.chain("left", "right"), found.view.trajectory
+    chain, motion = group.chain("left", "right"), found.chain_plan.trajectory
     for size in (1e-6, 1e-3, 0.1):
         c = motion.padded[:, ::8].copy()[:, :3]
         knots = np.array([0.0, 0.1, 0.3, 0.5])
@@ -224,10 +226,10 @@ def facing(turn: float, lift: float) -> list[Plan]:
 def test_two_arms_on_one_clock_wait_where_it_helps() -> None:
     each = facing(1.0, -1.9)
     both = combine(*each)
-    assert both and both.view.waits["left"] > 0.3 and both.view.waits["right"] == 0.0
+    assert both and both.chain_plan.waits["left"] > 0.3 and both.chain_plan.waits["right"] == 0.0
     assert both.clearances["left and right"].proved
     for name, own in zip(("left", "right"), each, strict=True):
-        t, wait = np.linspace(0.0, both.duration, 50), both.view.waits[name]
+        t, wait = np.linspace(0.0, both.duration, 50), both.chain_plan.waits[name]
         seen = both.group.split(both.trajectory(t))[name]
         assert seen == pytest.approx(own.trajectory(np.clip(t - wait, 0.0, own.duration)), abs=1e-9)
         assert both.members[name].certificate.is_valid
@@ -277,8 +279,8 @@ def test_motions_of_groups_are_stored_and_sent(tmp_path: Path) -> None:
     assert found
     found.save(tmp_path / "seam.json")
     read = load_motion(tmp_path / "seam.json")
-    assert read.robot == found.view.robot and read.certificate.is_valid
-    assert (read.trajectory.coefficients == found.view.trajectory.coefficients).all()
+    assert read.robot == found.chain_plan.robot and read.certificate.is_valid
+    assert (read.trajectory.coefficients == found.chain_plan.trajectory.coefficients).all()
     assert read.certificate.extra["arm.torque"].ratio == pytest.approx(found.certificate.extra["arm.torque"].ratio)
     to_ros(found, tmp_path / "weld.yaml", controllers={"arm": "/arm_controller", "table": "/table_controller"})
     each = {
@@ -297,7 +299,9 @@ def test_a_program_in_the_frame_of_the_table_is_planned_and_its_members_are_prog
     away = Line(end := weld.pose(weld.end), end @ se3.pose(p=[0.0, 0.0, -0.1]))
     start = plan(group, weld, tool="arm").trajectory(0.0)
     found = plan(group, Program([Part(weld), Part(away)]), start, tool="arm", frame="table")
-    assert found and found.view.path.robots[0] == group.chain("table", "arm") and len(found.view.sections) == 2
+    assert (
+        found and found.chain_plan.path.robots[0] == group.chain("table", "arm") and len(found.chain_plan.sections) == 2
+    )
     assert all(motion.certificate.is_valid for motion in found.members.values())
     found.save(tmp_path / "program.json")
     assert load_motion(tmp_path / "program.json").certificate.is_valid
