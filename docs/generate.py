@@ -41,10 +41,12 @@ GALLERY = {
         ("A line of your arm", "own_urdf", "gallery/own_urdf"),
         ("Stop, and go on slowly", "replan", "gallery/replan"),
         ("To a laser spot", "laser", "../howto/laser"),
+        ("Two arms carry a bar", "bar", "../howto/bar"),
     ],
     "Follow": [
         ("Pipe saddle, chosen torch turn", "saddle", "gallery/pipe_saddle"),
         ("Weld seam for ROS 2", "seam", "gallery/seam_to_ros"),
+        ("Seam on a positioner", "positioner", "../howto/positioner"),
         ("Stream beside hard replacement", "stream", "gallery/policy_stream"),
     ],
     "Reach": [

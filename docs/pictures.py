@@ -14,6 +14,7 @@ import runpy
 import sys
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,7 @@ import planners
 from optik.view.page import make_page
 from optik.view.show import Show
 from planners.cell.show import show_outcome
+from planners.motion.motion import World
 from planners.motion.show import show_motion
 from tests.benchmarks.browser import Browser
 
@@ -221,6 +223,26 @@ def zones(camera: Camera) -> Image.Image:
     middle = (0.5 * (points.min(axis=0) + points.max(axis=0))).tolist()
     camera.browser.run(f"(c => {{ c.target = {middle}; c.distance *= 0.8; c.azimuth += 0.9 }})(optikView.camera)")
     return camera.at(0.3)
+
+
+@picture
+def positioner(camera: Camera) -> Image.Image:
+    """The arm and the table in the middle of the seam."""
+    plan = run_cells("howto/positioner", "plan")["plan"]
+    camera.view(show_motion(plan), SIZE)
+    camera.browser.run("(c => { c.target = [0.35, 0, 0.3]; c.distance *= 0.9; c.azimuth += 1.3 })(optikView.camera)")
+    return camera.at(0.5 * plan.duration)
+
+
+@picture
+def bar(camera: Camera) -> Image.Image:
+    """Two arms, and the bar that they carry."""
+    plan = run_cells("howto/bar", "plan")["plan"]
+    group, left = plan.group, plan.group.members["left"]
+    held = left.with_shapes(left.shapes.with_part("bar", left.n, [([-0.2, 0, 0], [0.2, 0, 0], 0.03)], left.tool))
+    show = show_motion(replace(plan.motion, world=World(optik.Group({**group.members, "left": held}), None)))
+    camera.view(show, SIZE)
+    return camera.at(0.7 * plan.duration)
 
 
 def view_example(name: str, variable: str = "plan", share: float = 0.6) -> Callable[[Camera], Image.Image]:

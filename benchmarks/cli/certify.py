@@ -97,7 +97,7 @@ class CertifyCommand(LimitsCommand, SceneCommand, TableCommand):
         path, tolerance = (program_path, None) if reference is None else reference
         proof = planners.certify(arm, path, trajectory, limits, scene=scene, tolerance=tolerance)
         if self.html is not None:
-            self._write_page(arm, trajectory, proof, limits, scene)
+            self._write_page(arm, trajectory, proof, limits, scene, None if saved is None else saved.world)
         if self.as_json:
             print_json(proof.to_dict() | {"notes": list(trajectory.notes), **self._describe_inputs(arm)})
         else:
@@ -164,7 +164,7 @@ class CertifyCommand(LimitsCommand, SceneCommand, TableCommand):
         return GivenPath(read_waypoints(table, turned, arm, None), Tolerance(position, np.pi))
 
     def _write_page(
-        self, arm: optik.Robot, trajectory: Trajectory, proof: Certificate, limits: Any, scene: Any
+        self, arm: optik.Robot, trajectory: Trajectory, proof: Certificate, limits: Any, scene: Any, world: Any
     ) -> None:
         """Write the page of ``--html``."""
         from dataclasses import replace
@@ -173,7 +173,7 @@ class CertifyCommand(LimitsCommand, SceneCommand, TableCommand):
         from planners.motion.show import show_trajectory
 
         assert self.html is not None
-        show = show_trajectory(arm, trajectory, proof, limits, scene)
+        show = show_trajectory(arm, trajectory, proof, limits, scene, world)
         facts = (("Between points", _describe_interpolation(proof, trajectory)), *show.facts)
         write_page(replace(show, title=f"{arm.name}: {self.file.name}", facts=facts), self.html)
 

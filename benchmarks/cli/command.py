@@ -115,7 +115,8 @@ PHRASES = {
     "elbow=True in planners.free": "--free elbow",
     "optik.solve_ik with closest=True": "optik ik --closest",
     "with_limits sets them": "only <limit> is read", "with_limits(torque=None)": "--torque none",
-    "with_limits(velocity=)": "--velocity", ", or shapes.with_apart": "", "a longer ramp= (at most 0.5); ": "",
+    "with_limits(velocity=)": "--velocity", "optik.Group.load reads it": "`optik plan`, `view` and `robots` take a group",
+    ", or shapes.with_apart": "", ", or shapes.with_part": "", "a longer ramp= (at most 0.5); ": "",
     "load_limits reads": "--limits reads", "a `planners.Program`": "`optik plan program`",
     "np.deg2rad converts degrees": "degrees end with deg, as in 15deg",
 }  # fmt: skip
@@ -512,9 +513,13 @@ class MotionCommand(LimitsCommand, StartCommand):
 
     def read_limits(self, arm: optik.Robot, law: Any) -> Any:
         """Return the typed limits, and the robot's own for the others."""
+        return self.complete_limits(arm, law, self.read_typed_limits(arm))
+
+    def complete_limits(self, arm: optik.Robot, law: Any, typed: dict[str, Any]) -> Any:
+        """Return typed limits by name, and the robot's own for the others."""
         from planners import MotionLimits
 
-        limits = MotionLimits.of(arm, **self.read_typed_limits(arm))
+        limits = MotionLimits.of(arm, **typed)
         if missing := law.list_missing(limits, arm):
             named, example = (join_options(missing, values) for values in (False, True))
             got, expected = f"none, and {arm.name} has none of its own", f"limits for {short_name(self.timing)}"

@@ -14,9 +14,11 @@ from rich.table import Table
 
 import optik
 from benchmarks.cli import command
-from benchmarks.cli.command import JsonCommand, argument, err_console, option, out_console, print_json, translate
+from benchmarks.cli.command import JsonCommand, Start, argument, err_console, option, out_console, print_json, translate
+from benchmarks.cli.group import read_start
 from benchmarks.cli.plan import MOTION_SUFFIXES
 from benchmarks.cli.readers import ALLOW_HELP, read_allowed, read_configuration
+from optik.arm.group import read_group
 from optik.arm.model import unit_factors, unit_names
 from optik.errors import InvalidInput, NoSolution, RobotModelError
 from optik.file_io import read_bytes, write_atomically
@@ -274,11 +276,16 @@ class ViewCommand(command.StartCommand):
         typed = self.robot != command.RobotCommand.robot and "format" not in _read_json(self.plan)  # else a motion
         is_scene = typed or suffix in (".yaml", ".yml", ".scene") or b"convention" not in content
         is_name = name.startswith(PREFIX) or not (suffix or self.plan.exists())
-        if not (is_scene or is_name or suffix in (*URDF, ".toml", ".py")):
+        is_scene &= (group := read_group(name)) is None
+        if not (group or is_scene or is_name or suffix in (*URDF, ".toml", ".py")):
             return None
         if self.drive is not None:
             raise InvalidInput("--drive", f"{self.drive} for {name}", "a motion")
         robot = self.robot if is_scene else name
+        if (group := group or read_group(robot)) is not None:
+            q, words = read_start(group, self.start_deg)
+            Start(group.as_robot(), q, words).print_default()
+            return make_arm_show(group.as_robot(), q, optik.Scene.load(name) if is_scene else None)
         try:
             shaped = f"{robot}{'&' if '#' in robot else '#'}shapes=yes"
             start = replace(self, robot=shaped if split_links(robot)[0].lower().endswith(URDF) else robot).load_start()

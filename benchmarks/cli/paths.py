@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from abc import abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,6 +16,7 @@ from rich.table import Table
 import optik
 from benchmarks.cli import command
 from benchmarks.cli.command import JsonCommand, Start, TableCommand, argument, numbers, option, out_console
+from benchmarks.cli.group import FRAME_HELP, TOOL_HELP, find_chain, find_order, read_start, read_typed_group
 from benchmarks.cli.plan import PlanCommand, choose_branch
 from benchmarks.cli.readers import read_configuration, read_freedoms, read_number_list
 from optik.arm.model import unit_factors
@@ -233,6 +234,10 @@ class JointsCommand(PlanCommand):
     to_deg: str = numbers("Path", "Goal configuration [degrees, prismatic mm].", ...)
     exact_winding: bool = option("Path", EXACT_WINDING_HELP, False, "--exact-winding")
 
+    def load(self, name: str = "") -> optik.Robot:
+        """Load the robot; of a group all members as one."""
+        return super().load(name) if self.group is None else self.group.as_robot()
+
     def choose_winding(self) -> str:
         """Return exact with ``--exact-winding``."""
         return "exact" if self.exact_winding else "nearest"
@@ -265,6 +270,8 @@ class PointToPointCommand(PlanCommand, TableCommand):
             raise InvalidInput("--start-deg", self.start_deg, "no start: the first row of --waypoints is the start")
         if self.branch is not None:
             raise InvalidInput("--branch", self.branch, "no branch: configurations are chosen over all points")
+        if self.group is not None:
+            raise InvalidInput("--robot", f"{self.robot}, a group", "one arm; `optik plan joints` takes a group")
         return Start(self.load(), None, "")
 
     def make_path(self, start: Start) -> planners.Path:
@@ -345,9 +352,11 @@ class ProgramCommand(PlanCommand):
         """The content of the file, for the arm with the typed options."""
         from planners.program.file import find_robot, load_program
 
-        arm = self.load(self.robot or find_robot(self.file))
-        start = read_configuration(arm, self.start_deg) if self.start_deg is not None else None
-        return load_program(self.file, arm, start)
+        arm, text, group = self.load(self.robot or find_robot(self.file)), self.start_deg, self.group
+        if group is None:
+            return load_program(self.file, arm, None if text is None else read_configuration(arm, text))
+        order = find_order(group, arm)
+        return load_program(self.file, arm, None if text is None else read_start(group, text)[0][order], order)
 
     def load_start(self) -> Start:
         """Return the robot and the program's start, unless another one is typed."""
@@ -361,14 +370,16 @@ class ProgramCommand(PlanCommand):
         """Return the typed branch: the parts choose theirs."""
         return self.branch
 
-    def plan(self, start: Start, path: Any, law: Any, words: list[str]) -> planners.Plan:
+    def plan(self, start: Start, path: Any, law: Any, words: list[str]) -> Any:
         """Return the plan with the events of the file."""
         import planners
 
-        found = super().plan(start, path, law, words)
+        planned: Any = super().plan(start, path, law, words)
+        found = planned if self.group is None else planned.chain_plan
         assert isinstance(found, planners.ProgramPlan)
         try:
-            return found.schedule(self.content.events) if found.has_motion else found
+            scheduled = found.schedule(self.content.events) if found.has_motion else found
+            return scheduled if self.group is None else replace(planned, chain_plan=scheduled)
         except InvalidInput:
             for i, event in enumerate(self.content.events, 1):  # name the one
                 try:
@@ -384,20 +395,27 @@ class CheckProgramCommand(JsonCommand):
 
     file: Path = argument("FILE", FILE_HELP)
     robot: str = option("Robot", "The arm, instead of the one that the program names.", "", "--robot", "-r")
+    tool: str | None = option("Robot", TOOL_HELP, metavar="NAME")
+    frame: str | None = option("Robot", FRAME_HELP, metavar="NAME")
 
     def run(self) -> None:
         """Print the parts."""
         import planners
         from planners.program.file import read_program
 
-        content, mistakes = read_program(self.file, self.robot or None)
+        group, arm, order = read_typed_group(self.robot, self.tool, self.frame), self.robot or None, None
+        if group is not None:
+            arm = find_chain(group, self.tool, self.frame)
+            order = find_order(group, arm)
+        content, mistakes = read_program(self.file, arm, order=order)
         if mistakes and mistakes[0].argument == "file":
             raise mistakes[0]
         for mistake in mistakes:
             command.err_console.print(f"error: {mistake}", soft_wrap=True)
         if content is None:
             raise typer.Exit(2)
-        rows = [_describe(item, content.robot) for item in content.program.items]
+        places = slice(None) if group is None else group.places(content.robot)
+        rows = [_describe(item, content.robot, places) for item in content.program.items]
         if self.as_json:
             command.print_json({"robot": content.robot.name, "items": rows, "events": len(content.events)})
             return
@@ -416,8 +434,8 @@ class CheckProgramCommand(JsonCommand):
             out_console.print("a part avoids obstacles: `optik plan program` needs --scene FILE")
 
 
-def _describe(item: Any, arm: optik.Robot) -> dict[str, str]:
-    """Return an item of a program in words."""
+def _describe(item: Any, arm: optik.Robot, places: Any) -> dict[str, str]:
+    """Return an item of a program in words; `places` are the indices of typed joints among those of the arm."""
     from planners.program import Dwell, ToolChange
     from planners.program.parts import Keep
 
@@ -432,10 +450,10 @@ def _describe(item: Any, arm: optik.Robot) -> dict[str, str]:
     speeds = ", ".join(f"{value * factor:.4g} {unit}" for value, factor, unit in limits if value is not None)
     zone, turn = item.zone
     end = f"rounded within {1e3 * zone:.4g} mm, {np.degrees(turn):.3g}°" if zone else "stop"
-    return {"name": item.name or "", "motion": _motion(item, arm), "end": end, "limits": speeds}
+    return {"name": item.name or "", "motion": _motion(item, arm, places), "end": end, "limits": speeds}
 
 
-def _motion(part: Any, arm: optik.Robot) -> str:
+def _motion(part: Any, arm: optik.Robot, places: Any) -> str:
     """Return the motion of a part in words."""
     from planners import Path
     from planners.program import Move
@@ -447,9 +465,8 @@ def _motion(part: Any, arm: optik.Robot) -> str:
     if isinstance(part.goal, Move):
         return f"line by {_millimetres(part.goal.vector)} mm in the frame of the {part.goal.frame}"
     if part.goal.ndim == 1:
-        return (
-            f"joints to {', '.join(f'{x:.4g}' for x in part.goal * unit_factors(arm))} [degrees, prismatic mm]{around}"
-        )
+        goal = ", ".join(f"{x:.4g}" for x in (part.goal * unit_factors(arm))[places])
+        return f"joints to {goal} [degrees, prismatic mm]{around}"
     kind = "joints" if part.move == "joint" else "line"
     return f"{kind} to the pose at {_millimetres(part.goal[:3, 3])} mm{around}"
 

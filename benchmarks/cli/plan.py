@@ -15,10 +15,9 @@ from rich.table import Table
 
 import optik
 from benchmarks.cli import command
-from benchmarks.cli.command import MotionCommand, RobotCommand, Start, numbers, option, out_console, translate
-from benchmarks.cli.readers import ALLOW_HELP, format_numbers, read_allowed, read_bound, read_number_list
-from optik.arm.model import unit_factors
-from optik.arm.motors import maker_joints
+from benchmarks.cli.command import RobotCommand, Start, numbers, option, out_console, translate
+from benchmarks.cli.group import GroupCommand, format_joints
+from benchmarks.cli.readers import ALLOW_HELP, read_allowed, read_bound, read_number_list
 from optik.check import check_number, describe_ratio, format_count, format_ratio
 from optik.errors import InvalidInput
 from optik.file_io import write_atomically
@@ -202,7 +201,7 @@ class SceneCommand(RobotCommand):
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlanCommand(MotionCommand, SceneCommand):
+class PlanCommand(GroupCommand, SceneCommand):
     """A command that plans a motion along a path, certifies it, and writes it."""
 
     payload: str | None = option("Robot", "Mass of the payload [kg], or an interval: 0:3.")
@@ -265,13 +264,15 @@ class PlanCommand(MotionCommand, SceneCommand):
         """Return the typed branch, or the default."""
         return self.branch or choose_branch(start, path)
 
-    def plan(self, start: Start, path: Any, law: planners.timing.TimeLaw, words: list[str]) -> planners.Plan:
+    def plan(self, start: Start, path: Any, law: planners.timing.TimeLaw, words: list[str]) -> Any:
         """Return the plan; the words permit violations."""
         import planners
 
-        arm = start.arm
+        arm, members = start.arm, (self.tool or "").split(",")
         return planners.plan(
-            arm, path, start.q, solver=self.solver, timing=law, limits=self.read_limits(arm, law), samples=self.samples,
+            self.group or arm, self.group.split(path) if self.group is not None and isinstance(path, np.ndarray) else path,
+            self.find_joints(start), tool=tuple(members) if len(members) > 1 else self.tool, frame=self.frame,
+            solver=self.solver, timing=law, limits=self.read_limits(arm, law), samples=self.samples,
             branch=self.choose_branch(start, path), duration=self.duration, strict=self.strict, scene=self.load_scene(arm),
             allow=words, avoid=self.avoid, winding=self.choose_winding(), **self.resolution(),
         )  # fmt: skip
@@ -284,23 +285,26 @@ class PlanCommand(MotionCommand, SceneCommand):
         start = self.load_start()
         self._check()
         path = self.make_path(start)
-        allow, arm = read_allowed(self.allow), start.arm
-        law = self.make_law()
-        plan = self.plan(start, path, law, [word for word in allow if word in LIMIT_WORDS])
+        allow, law, group = read_allowed(self.allow), self.make_law(), self.group
+        arm = start.arm if group is None else group.as_robot()
+        planned: Any = self.plan(start, path, law, [word for word in allow if word in LIMIT_WORDS])
+        of_path, plan = getattr(planned, "paths", {}), planned if group is None else planned.chain_plan
         typed: dict[str, Any] = {name: value for name in SLOWED_TO if (value := getattr(self, name)) is not None}
         if self.rms_torque is not None:
             typed["rms_torque"] = read_bound(self.rms_torque, "--rms-torque")
         if plan and typed:
-            plan = plan.slowed_to(**typed)
-        refused = find_forbidden(plan.certificate, allow) if plan.has_motion else ()
+            planned = plan = plan.slowed_to(**typed)
+        proofs = [plan.certificate, *(planned.members[name].certificate for name in of_path)] if plan.has_motion else []
+        refused = tuple(one for proof in proofs for one in find_forbidden(proof, allow))
         valid = plan.has_motion and not refused
         sent = None
         if valid and self.out is not None:
-            sent = plan.save(self.out, format=self.format, rate=self.rate, allow=allow)
+            sent = planned.save(self.out, format=self.format, rate=self.rate, allow=allow)
         if not valid and self.out_failed is not None:
             _write_failed(plan, self.out_failed)
-        begin = plan.trajectory(0.0) if plan.has_motion else start.q
-        begins_elsewhere = start.q is not None and np.abs(begin - start.q).max() > SILENT_START
+        joints = self.find_joints(start)
+        begin = planned.trajectory(0.0) if plan.has_motion else joints
+        begins_elsewhere = group is not None if joints is None else np.abs(begin - joints).max() > SILENT_START
         if not begins_elsewhere:
             start.print_default()
         if self.as_json:
@@ -308,22 +312,22 @@ class PlanCommand(MotionCommand, SceneCommand):
             raise typer.Exit(0 if valid else 1)
         print_certificate(plan, law.list_enforced(plan.motion.limits))  # raises NoSolution without a motion
         print_choice(plan)
+        for line in () if group is None else planned.remarks:
+            out_console.print(translate(line), soft_wrap=True)
         if not valid:
             permission = f"--allow {','.join(words_for(refused, allow))} permits this motion"
             out_console.print(f"not written; {permission}" if self.out else permission)
             raise typer.Exit(1)
         if begins_elsewhere:
-            out_console.print(
-                f"start of the motion: --start-deg {format_numbers(maker_joints(arm, begin) * unit_factors(arm))}"
-            )
-        if plan.path.configurations(arm, np.zeros(1)) is not None:
-            out_console.print(
-                f"goal of the motion: {format_numbers(maker_joints(arm, plan.goal) * unit_factors(arm))} "
-                "[degrees, prismatic mm]"
-            )
+            out_console.print(f"start of the motion: --start-deg {format_joints(arm, begin)}", soft_wrap=True)
+        if plan.path.configurations(plan.robot, np.zeros(1)) is not None:
+            goal = plan.goal if group is None else planned.trajectory(plan.duration)
+            out_console.print(f"goal of the motion: {format_joints(arm, goal)} [degrees, prismatic mm]", soft_wrap=True)
         if self.out is not None:
             words = _describe_export(sent, plan) if sent or self.rate is None else _describe_points(plan, self.rate)
-            out_console.print(f"written to {self.out}{words}", soft_wrap=True)
+            each = planned.members if sent and group is not None else ()
+            files = " and ".join(str(self.out.with_suffix(f".{name}{self.out.suffix}")) for name in each) or self.out
+            out_console.print(f"written to {files}{words}", soft_wrap=True)
 
     def make_law(self) -> planners.timing.TimeLaw:
         """Return the time law, at the typed speed."""
@@ -342,7 +346,7 @@ class PlanCommand(MotionCommand, SceneCommand):
     def load(self, name: str = "") -> optik.Robot:
         """Load the robot with its payload."""
         arm, payload = super().load(name), self.payload
-        if payload is None:
+        if payload is None or self.group is not None:
             return arm
         if arm.inertia is None:
             raise InvalidInput(

@@ -13,6 +13,7 @@ import optik
 from benchmarks.cli import command
 from benchmarks.cli.command import Q_DEG, FileCommand, err_console, numbers, option, optional, out_console, print_json
 from benchmarks.cli.readers import format_numbers, load_or_error, read_joint_values, read_number_list
+from optik.arm.group import read_group
 from optik.arm.limits import LIMIT_TOLERANCE
 from optik.arm.model import unit_factors, unit_names
 from optik.arm.robot import Robot
@@ -37,7 +38,7 @@ class RobotsCommand(FileCommand):
     def run(self) -> None:
         """Print the robots, or one of them."""
         if self.name is not None:
-            arm = self.load_file(self.name)
+            arm = read_group(self.name) or self.load_file(self.name)
             if self.as_json:
                 print_json(arm.to_dict())
             else:

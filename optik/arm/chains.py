@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import product
 from typing import Any, TypeVar
@@ -16,7 +16,7 @@ from optik.arm.limits import DYNAMIC_LIMITS, JointLimits, VelocityByPosition
 from optik.arm.linkage import Linkage
 from optik.arm.model import ArmModel
 from optik.arm.motors import LIMIT_FIELDS, Motors, maker_limits, maker_names
-from optik.arm.shapes.model import Shapes
+from optik.arm.shapes.model import NEIGHBOURS, Shapes
 from optik.types import Array, Indices
 
 HALF_TURN = np.diag([1.0, -1.0, -1.0, 1.0])
@@ -79,6 +79,42 @@ def mount_arm(below: Arm, arm: Arm) -> Arm:
     return replace(
         below, name=f"{names[1]} on {names[0]}", fixed=fixed, tool=arm.tool, shapes=shapes, inertia=inertia,
         payload=arm.payload, source=arm.source, **_join_joints((below, arm), orders, prefix, joints),
+    )  # fmt: skip
+
+
+def join_members(arms: Mapping[str, Arm], tool: str) -> Arm:
+    """Return arms in one world as one robot, whose chain leads through each of them and back, and last to the arm of the tool.
+
+    Its joints are those of the arms in their order. The axes that lead back follow them with the opposite sign.
+    """
+    each, at, fixed = list(arms.values()), np.eye(4), list[Array]()
+    axes, signs, shapes = np.empty(0, np.int64), np.empty(0), dict[str, Shapes]()
+    begins = dict(zip(arms, np.cumsum([0, *(len(arm.fixed) for arm in each)]).tolist(), strict=False))
+    for name in (*(one for one in arms if one != tool), tool):
+        arm, N = arms[name], len(arms[name].fixed)
+        if arm.shapes is not None:
+            links = [(0, np.eye(4)), *((len(fixed) + k, np.eye(4)) for k in range(1, N + 1))]
+            part = shapes[name] = _place(arm.shapes, links, f"{name}/")
+            near = ([part.names[i] for i in arm.shapes.find_capsules(k)] for k in (0, 1))
+            # Base and first link of a further arm have no consecutive numbers.
+            shapes[name] = part.with_apart({(*pair, NEIGHBOURS) for pair in product(*near)})
+        fixed += [at @ arm.fixed[0], *arm.fixed[1:]]
+        axes, signs = np.append(axes, begins[name] + np.arange(N)), np.append(signs, np.ones(N))
+        if name != tool:
+            at, *back = [se3.inverse(T) for T in arm.fixed]
+            fixed += [np.eye(4), *back[::-1]]
+            axes, signs = np.append(axes, axes[: -N - 1 : -1]), np.append(signs, -np.ones(N))
+    prefix, orders = [f"{name}/" for name in arms], [np.arange(arm.n) for arm in each]
+    joints = [f"{name}/{joint}" for name, arm in arms.items() for joint in arm.joint_names]
+    ahead = _join_linkages(each, orders, prefix)
+    names = tuple(f"{ahead.names[i]}{'' if sign > 0.0 else ' back'}" for i, sign in zip(axes, signs, strict=True))
+    follow = Linkage(
+        ahead.joint[axes], signs * ahead.factor[axes], signs * ahead.offset[axes], ahead.prismatic[axes], names
+    )
+    return replace(
+        arms[tool], name=" and ".join(arms), fixed=np.array(fixed), inertia=None, payload=None, source="",
+        shapes=_join_shapes([shapes[name] for name in arms], several=True) if len(shapes) == len(arms) else None,
+        **_join_joints(each, orders, prefix, joints) | {"motors": None, "linkage": follow},
     )  # fmt: skip
 
 

@@ -7,6 +7,9 @@ A TOML file describes a group by its members:
     base = { xyz_mm = [0.0, 0.0, 400.0] }                     # optional: where the robot's base frame stands in the world
     tool = { xyz_mm = [0.0, 0.0, 150.0], rpy_deg = [0.0, 40.0, 0.0] }   # optional: instead of the robot's
 
+    dynamic_limits = { acceleration = 10.0, jerk = 100.0 }    # optional: in rad and m, a number or one for each joint
+    payload_kg = 2.0             # optional: at the origin of the tool's frame
+
     [members.table]
     robot = "table.urdf"
     base = { xyz_mm = [900.0, 0.0, 0.0] }
@@ -25,9 +28,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optik.arm.chains import join_chains, join_limits
+from optik.arm.chains import join_chains, join_limits, join_members
 from optik.arm.library import load
-from optik.arm.limits import ByContent, JointLimits
+from optik.arm.limits import DYNAMIC_LIMITS, ByContent, JointLimits, check_positive
 from optik.arm.plain import read_pose, read_record, read_word
 from optik.arm.robot import Robot
 from optik.card import Card
@@ -235,6 +238,53 @@ class Group(ByContent):
         own = self.columns(tool)
         return own if frame == WORLD else np.concatenate([self.columns(frame)[::-1], own])
 
+    def as_robot(self, tool: str | None = None) -> Robot:
+        """Return all members as one robot in the world, which has their joints in the order of the group.
+
+        It has no masses, so limits on torques are refused for it. In its chain, axes lead from each member back to the world.
+
+        Parameters
+        ----------
+        tool : str, optional
+            The member whose tool is that of the robot, by default the last one.
+
+        Returns
+        -------
+        Robot
+
+        Raises
+        ------
+        InvalidInput
+            An unknown name.
+        """
+        tool = list(self.members)[-1] if tool is None else tool
+        self._check(tool, "tool")
+        kept: dict[str, Robot] = self.__dict__.setdefault("_robots", {})
+        return kept.get(tool) or kept.setdefault(tool, join_members(self.members, tool))
+
+    def places(self, robot: Robot) -> Indices:
+        """Return the indices in a robot of the joints of the group, by their names.
+
+        Parameters
+        ----------
+        robot : Robot
+            A chain through all members, or `as_robot`.
+
+        Returns
+        -------
+        (n,) array of int
+            ``q[..., group.places(robot)]`` are the joints of the group.
+
+        Raises
+        ------
+        InvalidInput
+            A robot with other joints.
+        """
+        names, wanted = robot.joint_names, self.joint_names
+        if set(names) != set(wanted):
+            raise InvalidInput("robot", ", ".join(names)[:80], f"the joints of the group, {', '.join(wanted)}"[:80])
+        return np.array([names.index(name) for name in wanted])
+
     def with_payload(
         self, mass: float, com: ArrayLike = (0.0, 0.0, 0.0), inertia: ArrayLike | None = None, *,
         fraction: tuple[float, float] = (0.4, 0.6),
@@ -315,7 +365,9 @@ class Group(ByContent):
         ----------
         file : str or path
             A file with a table ``[members.NAME]`` for each member: ``robot``, the name or file of a robot, and optionally
-            ``base``, where its base frame stands, and ``tool``, instead of its own: poses with ``xyz_mm`` and ``rpy_deg``.
+            ``base``, where its base frame stands, and ``tool``, instead of its own: poses with ``xyz_mm`` and ``rpy_deg``;
+            ``dynamic_limits`` instead of its own: ``velocity``, ``acceleration``, ``jerk``, ``torque``, ``torque_rate``;
+            and ``payload_kg``.
 
         Returns
         -------
@@ -327,6 +379,14 @@ class Group(ByContent):
             No such file, or not a group.
         """
         return Group(_read_members(Path(file)))
+
+
+def read_group(name: str) -> Group | None:
+    """Return the group of a TOML file with members; None for any other name or file of a robot."""
+    file = Path(name)
+    if file.suffix.lower() != ".toml" or not file.is_file():
+        return None
+    return Group.load(file) if "members" in parse_toml(decode_text(read_bytes(file), file.name), file.name) else None
 
 
 def _read_members(file: Path) -> dict[str, Robot]:
@@ -341,9 +401,13 @@ def _read_members(file: Path) -> dict[str, Robot]:
 
 def _read_member(data: Any, where: str, folder: Path) -> Robot:
     """Return a member of a group's file."""
-    read_record(data, ("robot",), where, optional=("base", "tool"))
+    read_record(data, ("robot",), where, optional=("base", "tool", "dynamic_limits", "payload_kg"))
     name = read_word(data["robot"], f"{where}.robot")
     robot = load(str(folder / name) if is_path(name) else name)
+    rates = read_record(data.get("dynamic_limits", {}), (), f"{where}.dynamic_limits", optional=DYNAMIC_LIMITS)
+    robot = robot.with_limits(**{key: check_positive(x, robot.n, f"{where}.{key}") for key, x in rates.items()})
     if "base" in data:
         robot = robot.with_base(read_pose(data["base"], f"{where}.base"))
+    if "payload_kg" in data:
+        robot = robot.with_payload(check_number(data["payload_kg"], f"{where}.payload_kg", "a mass [kg]", least=0.0))
     return robot.with_tool(read_pose(data["tool"], f"{where}.tool")) if "tool" in data else robot

@@ -400,6 +400,8 @@ def _read_toml(file: Path) -> dict[str, Any]:
 
 
 def _robot(data: dict[str, Any], file: Path, name: str) -> Robot:
+    if "members" in data:
+        raise InvalidInput("robot", f"{name}, a group of members", "one robot", advice="optik.Group.load reads it")
     read_record(data, REQUIRED_KEYS, "the file", optional=OPTIONAL_KEYS)
     convention = check_choice(data["convention"], "convention", CONVENTIONS)
     joints = data["joints"]

@@ -390,7 +390,7 @@ class NearestJoints(Nearest):
     def _measure(self) -> tuple[float, Array]:
         s = (self._breaks[:-1, None] + np.diff(self._breaks)[:, None] * np.linspace(0.0, 1.0, BEND_SAMPLES)).ravel()
         rate, bend = (np.linalg.norm(self._joints(s, order), axis=1) for order in (1, 2))
-        self._still = float(PATH_STILL * rate.max())
+        self._still = max(float(PATH_STILL * rate.max()), 1e-100)  # above 0 for joints that stay
         self._bend = bend.reshape(-1, BEND_SAMPLES).max(axis=1)
         return float(rate.max()), self._bend
 

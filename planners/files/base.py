@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy
 
+from optik.arm.group import Group
 from optik.arm.plain import read_numbers, read_record, read_word, read_words
 from optik.arm.robot import Robot
 from optik.check import check_kind
@@ -20,7 +21,7 @@ from optik.scene import Scene
 from optik.types import Array
 from planners.limits import MotionLimits
 from planners.motion import Motion
-from planners.motion.motion import events_to_plain, read_events
+from planners.motion.motion import World, events_to_plain, read_events
 from planners.paths import path_of
 from planners.trajectory import Trajectory
 
@@ -28,7 +29,7 @@ CONTENT = "optik-motion/2"
 """Value of the key ``format`` in every motion file; a change of the keys needs another number."""
 HEADER = ("format", "robot", "path", "limits", "law", "enforced", "tolerance")
 """Keys that every motion file has, beside the knots and coefficients."""
-OPTIONAL = ("span", "speed", "scene", "before", "events")
+OPTIONAL = ("span", "speed", "scene", "before", "events", "world")
 """Keys that a file has only if the motion has them."""
 HIGHEST_DEGREE = 5
 """Trajectories are piecewise polynomials of at most this degree."""
@@ -138,6 +139,9 @@ def to_parts(motion: Motion) -> Parts:
         header["before"] = [motion.before[0].to_plain(), motion.before[1]]
     if motion.events:
         header["events"] = events_to_plain(motion.events)
+    if motion.world is not None:
+        scene = motion.world.scene
+        header["world"] = {"group": motion.world.group.to_dict(), "scene": None if scene is None else scene.to_dict()}
     return Parts(header, motion.trajectory.knots, motion.trajectory.coefficients)
 
 
@@ -161,7 +165,16 @@ def from_parts(parts: Parts, digest: Any) -> Motion:
         None if header.get("scene") is None else Scene.from_dict(header["scene"]),
         _before(header.get("before"), robot.n),
         read_events(header.get("events", [])),
+        _read_world(header.get("world")),
     )
+
+
+def _read_world(data: Any) -> World | None:
+    """Return what stands in the world around a motion of a group."""
+    if data is None:
+        return None
+    read_record(data, ("group", "scene"), "world")
+    return World(Group.from_dict(data["group"]), None if data["scene"] is None else Scene.from_dict(data["scene"]))
 
 
 def _before(data: Any, n: int) -> tuple[MotionLimits, float] | None:

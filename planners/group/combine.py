@@ -108,7 +108,7 @@ def combine(
             break
     assert best is not None
     waits, moved, together = best
-    proof = certify(chain, None, together, join_member_limits(group, *names, limits), scene=Scene())
+    proof = certify(chain, None, together, join_member_limits(group, chain, limits), scene=Scene())
     status, failure = judge_certificate(proof)
     view: Any = CombinedMotion(chain, together, proof, status, failure, dict(zip(names, waits, strict=True)))
     return GroupPlan(group, *names, limits, scene, view, {}, dict(zip(names, moved, strict=True)))

@@ -10,7 +10,7 @@ import numpy as np
 from optik.arm.group import Group
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
-from optik.types import Array
+from optik.types import Array, Indices
 from planners.limits import DERIVATIVES, TOOL_SPEEDS, MotionLimits, kind_of
 from planners.limits.base import sides
 from planners.limits.member import MemberValue
@@ -39,16 +39,16 @@ def read_member_limits(group: Group, limits: Any) -> dict[str, MotionLimits]:
     return own | {PATH: along}
 
 
-def join_member_limits(group: Group, frame: str, tool: str, limits: Mapping[str, MotionLimits]) -> MotionLimits:
+def join_member_limits(group: Group, chain: Robot, limits: Mapping[str, MotionLimits]) -> MotionLimits:
     """Return the limits of members as those of a chain: rates by joint, all others in the member's own base."""
-    order, given, extra, own = list(group.order(frame, tool)), dict[str, Any](), dict[str, Any](), dict[str, Any]()
-    robots = [(group.members[name], limits[name]) for name in (frame, tool)]
+    order, given, extra, own = group.places(chain), dict[str, Any](), dict[str, Any](), dict[str, Any]()
+    robots = [(robot, limits[name]) for name, robot in group.members.items()]
     for name in DERIVATIVES:
-        given[name] = _join(name, [(robot, one.value(name)) for robot, one in robots])
-        model = _join(name, [(robot, (one.robot_values or {}).get(name)) for robot, one in robots])
+        given[name] = _join(name, [(robot, one.value(name)) for robot, one in robots], np.argsort(order))
+        model = _join(name, [(robot, (one.robot_values or {}).get(name)) for robot, one in robots], np.argsort(order))
         own |= {} if model is None else {name: model}
-    for member in (frame, tool):
-        one, columns = limits[member], tuple(order.index(k) for k in group.columns(member))
+    for member in group.members:
+        one, columns = limits[member], tuple(order[group.columns(member)].tolist())
         for name in one.names:
             if name not in DERIVATIVES and one.value(name) is not None:
                 value = MemberValue(group.members[member], columns, one.value(name))
@@ -58,10 +58,10 @@ def join_member_limits(group: Group, frame: str, tool: str, limits: Mapping[str,
     return MotionLimits(**given, **along, extra=extra, robot_values=own)
 
 
-def _join(name: str, values: Sequence[tuple[Robot, Any]]) -> Array | None:
-    """Return one limit on the rates of the joints of two members, the first in reverse order; None where none is limited."""
+def _join(name: str, values: Sequence[tuple[Robot, Any]], order: Indices) -> Array | None:
+    """Return one limit on the rates of the joints of all members, in an order of these; None where none is limited."""
     if all(value is None for _, value in values):
         return None
     pairs = [np.stack(sides(kind_of(name).array(value, robot.n))) for robot, value in values]
-    both = np.concatenate([pairs[0][:, ::-1], pairs[1]], axis=1)
+    both = np.concatenate(pairs, axis=1)[:, order]
     return both[1] if (both[0] == -both[1]).all() else both

@@ -20,17 +20,21 @@ from optik.scene import Scene
 from optik.scene.world import chain_in_scene
 from optik.types import Array
 from planners.certificate.violation import LIMIT_WORDS, check_allow
+from planners.choice.choose import ChoiceReport, pick_plan, report
 from planners.following.follow import FollowResult, make_follower, read_time_limit
 from planners.group.carry import follow_branch_pairs
 from planners.group.limits import PATH, join_member_limits, read_member_limits
 from planners.group.result import GroupPlan
-from planners.limits import TOOL_SPEEDS
+from planners.group.still import follow_still, list_still
+from planners.limits import TOOL_SPEEDS, MotionLimits
 from planners.motion import PlanStatus
 from planners.paths.base import Path
+from planners.paths.free_path import FreePath
 from planners.planning.planner import PATH_FRACTION, PathPlanner, PlanOptions, PlanRequest
 from planners.planning.result import Plan
 from planners.timing import make_law
 
+STILL = ChoiceReport("the given path with the frame still: the chosen paths need more time or motion")
 PlanChain = Callable[[Robot, Any, Array | None, PlanOptions], Plan]
 """The planner of one arm."""
 
@@ -45,12 +49,17 @@ def plan_group(
     tool; the tool is a pair of members that carry a workpiece.
     """
     carriers = names[1] if isinstance(names[1], tuple | list) else ()
-    frame, tool = _find_chain(group, _check_carriers(group, carriers, names[0]) if carriers else names)
     for argument, value in zip(("frame", "tool"), names, strict=True) if isinstance(path, Mapping) else ():
         if value is not None:
             raise InvalidInput(argument, repr(value)[:60], "none: goals by member have no path")
-    scene, order, by_member = options["scene"], group.order(frame, tool), read_member_limits(group, limits)
-    chain = group.chain(frame, tool) if scene is None else chain_in_scene(group, frame, tool, scene)
+    scene, by_member = options["scene"], read_member_limits(group, limits)
+    if isinstance(path, Mapping) and len(group.members) > 2:
+        (frame, tool), chain = (WORLD, list(group.members)[-1]), group.as_robot()
+        options = {**options, "solver": "dls"}  # for any number of joints; goals of joints need no inverse kinematics
+    else:
+        frame, tool = find_members(group, check_carriers(group, carriers, names[0]) if carriers else names)
+        chain = group.chain(frame, tool) if scene is None else chain_in_scene(group, frame, tool, scene)
+    order = np.argsort(group.places(chain))
     start, goal = None if q_start is None else _read_joints(group, q_start), path
     if isinstance(path, Mapping):
         if start is None:
@@ -61,17 +70,22 @@ def plan_group(
             by_member[tool],
             **{name: by_member[PATH].value(name) for name in TOOL_SPEEDS if by_member[PATH].value(name) is not None},
         )
-    joined = join_member_limits(group, frame, tool, by_member)
-    view = PlanOptions(**{**options, "limits": joined, "scene": None if scene is None else Scene()})
+    joined = join_member_limits(group, chain, by_member)
+    view = PlanOptions(**{**options, "limits": joined, "scene": scene if scene is None or frame == WORLD else Scene()})
     result = partial(GroupPlan, group, frame, tool, by_member, scene)
     if carriers:
         starts = [None if start is None else start[group.columns(name)] for name in (frame, tool)]
         arms = [group.members[name] for name in (frame, tool)]
         return result(_carry(chain, arms, path, starts, view), dict.fromkeys((frame, tool), path))
-    return result(plan_chain(chain, goal, None if start is None else start[order], view), {})
+    plan = plan_chain(chain, goal, None if start is None else start[order], view)
+    if isinstance(goal, Path) and goal.asked == "pose" and view.avoid is False:
+        members = group.members[frame], group.members[tool]
+        parts = None if start is None else (start[group.columns(frame)], start[group.columns(tool)])
+        plan = _plan_still(plan, chain, members, parts, view)
+    return result(plan, {})
 
 
-def _check_carriers(group: Group, carriers: Sequence[Any], frame: str | None) -> tuple[str, str]:
+def check_carriers(group: Group, carriers: Sequence[Any], frame: str | None) -> tuple[str, str]:
     """Return the two members that carry a workpiece."""
     if len(carriers) != 2 or len({*carriers}) != 2 or any(name not in group.members for name in carriers):
         raise InvalidInput("tool", repr(carriers)[:60], f"two of {', '.join(group.members)}, to carry a workpiece")
@@ -86,34 +100,67 @@ def _carry(
     """Return the plan of the chain through two arms that carry a workpiece, of the first pair of branches that solves it."""
     if not isinstance(path, Path) or path.in_joints or path.asked != "pose":
         raise InvalidInput("path", repr(path)[:60], "a path of the workpiece with all six coordinates")
-    law, seconds = make_law(options.timing), read_time_limit(options.resolve, options.time_limit)
     solvers = [get_solver(arm, options.solver) for arm in arms]
-    law.need(options.limits, chain)
-    request = PlanRequest(
-        chain, path, options.limits, label(solvers[0]), law, options.tolerance, options.rate, scene=options.scene,
-        allow=check_allow(options.allow, LIMIT_WORDS),
-    )  # fmt: skip
-    planner, allowed = (
-        PathPlanner(solvers[0], request, options.samples, options.strict, seconds),
-        options.tolerance.scale(PATH_FRACTION),
-    )
-
-    def follow(solver: IKSolver, q: Array | None) -> FollowResult:
-        branch = options.branch or ("best" if q is None else "start")
-        return make_follower(solver, path, q, branch, options.samples, allowed, None, seconds).run()
-
+    planner, follow = _make_planner(chain, path, solvers[0], options)
     plans = []
     for joints in follow_branch_pairs(solvers, path, chain, options.scene, follow, starts):
         if isinstance(joints, FollowResult):
             assert joints.failure is not None
-            return request.fail(PlanStatus(joints.failure.status), None, joints.failure)
+            return planner.request.fail(PlanStatus(joints.failure.status), None, joints.failure)
         plans.append(planner.time_joints(joints.path, joints, options.duration)[0])
         if plans[-1]:
             return plans[-1]
     return plans[0]
 
 
-def _find_chain(group: Group, names: tuple[str | None, str | None]) -> tuple[str, str]:
+def _make_planner(
+    chain: Robot, path: Path, solver: IKSolver, options: PlanOptions
+) -> tuple[PathPlanner, Callable[[IKSolver, Array | None], FollowResult]]:
+    """Return what times and certifies joint paths of a chain, and what follows the path with one arm."""
+    law, seconds = make_law(options.timing), read_time_limit(options.resolve, options.time_limit)
+    law.need(options.limits, chain)
+    request = PlanRequest(
+        chain, path, options.limits, label(solver), law, options.tolerance, options.rate, scene=options.scene,
+        allow=check_allow(options.allow, LIMIT_WORDS),
+    )  # fmt: skip
+
+    def follow(solver: IKSolver, q: Array | None) -> FollowResult:
+        branch, allowed = options.branch or ("best" if q is None else "start"), options.tolerance.scale(PATH_FRACTION)
+        return make_follower(solver, path, q, branch, options.samples, allowed, None, seconds).run()
+
+    return PathPlanner(solver, request, options.samples, options.strict, seconds), follow
+
+
+def _plan_still(
+    plan: Plan, chain: Robot, members: tuple[Robot, Robot], start: tuple[Array, Array] | None, options: PlanOptions
+) -> Plan:
+    """Return the plan, or that with the frame still if it takes less time, or as long with less travel.
+
+    members: those with the frame and with the tool; start: their joints, if they are given.
+    """
+    path, (frame, arm) = plan.path, members
+    if (isinstance(path, FreePath) and (set(path.bounds) != {"elbow"} or not plan.has_motion)) or path.in_joints:
+        return plan
+    first = start[0] if start else plan.trajectory(0.0)[: frame.n][::-1] if plan.has_motion else None
+    still = [] if first is None else [first]
+    still += [] if start else list_still(frame)
+    options = replace(
+        options, resolve="local"
+    )  # a path that needs a search with the frame still moves the frame better
+    planner, follow = _make_planner(chain, path, get_solver(chain, options.solver), options)
+
+    def follow_arm(moved: Robot) -> FollowResult:
+        return follow(get_solver(moved, options.solver), start[1] if start else None)
+
+    plans = [plan] if plan else []
+    for joints in follow_still(chain, frame, arm, still, follow_arm, MotionLimits.of(arm)):
+        timed = planner.time_joints(path, joints, options.duration)[0]
+        plans += [timed] if timed else []
+    best = pick_plan(plans) if plans else plan
+    return best if best is plan or plan.freedom is None else replace(best, freedom=report(best, STILL))
+
+
+def find_members(group: Group, names: tuple[str | None, str | None]) -> tuple[str, str]:
     """Return the two members of the chain; by default those that are left."""
     members = list(group.members)
     if len(members) != 2:
@@ -123,9 +170,9 @@ def _find_chain(group: Group, names: tuple[str | None, str | None]) -> tuple[str
         tool = next(name for name in members[::-1] if name != frame) if frame is not None else members[0]
     if frame is None:
         frame = next((name for name in members if name != tool), WORLD)
-    if frame == WORLD:
-        advice = f"for a path in the world: plan(group.members[{tool!r}], path)"
-        raise InvalidInput("frame", repr(frame), f"a member other than {tool!r}", advice=advice)
+    if frame not in members:
+        advice = f"a path in the world is one of {tool!r} alone" if frame == WORLD else ""
+        raise InvalidInput("frame", repr(frame)[:60], f"a member other than {tool!r}", advice=advice)
     group.chain(frame, tool)
     return frame, tool
 

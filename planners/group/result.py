@@ -6,7 +6,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import combinations_with_replacement
+from itertools import combinations, combinations_with_replacement
 from typing import Any
 
 import numpy as np
@@ -14,18 +14,22 @@ import numpy as np
 from optik.arm.group import Group
 from optik.errors import InvalidInput
 from optik.scene import Scene
-from optik.view.page import Page
+from optik.view.page import Page, show_page
 from planners.certificate.certificate import Certificate
 from planners.certificate.clearance import Clearance, clearance
 from planners.certificate.held import HeldPose, prove_held
 from planners.files import save
 from planners.following.failure import PlanFailure
+from planners.group.limits import join_member_limits
 from planners.limits import DERIVATIVES, MotionLimits
 from planners.motion import Motion, PlanStatus
+from planners.motion.motion import World
+from planners.motion.show import show_motion, show_trajectory
 from planners.paths.base import Path
 from planners.paths.joint_curve import JointCurve
 from planners.paths.program import ProgramPath
 from planners.planning.result import Plan
+from planners.ros.export import RosExport
 from planners.trajectory import Trajectory, map_joints
 
 OF_MEMBER = "of one member"
@@ -42,7 +46,7 @@ class GroupPlan:
         The arguments of the plan; limits by member, and of ``"path"`` those along the path.
     frame, tool : str
         The member whose tool is the base of the chain, and the member whose tool is its end.
-    view : Plan, or CombinedMotion
+    chain_plan : Plan, or CombinedMotion
         The plan of the chain, whose joints are in its order; or its motion, if those of the members were given. The certificate
         has the limits of all members: ``"arm.torque"`` is judged in the arm's own base.
     paths : mapping of str to Path
@@ -56,67 +60,71 @@ class GroupPlan:
     tool: str
     limits: Mapping[str, MotionLimits]
     scene: Scene | None
-    view: Plan
+    chain_plan: Plan
     paths: Mapping[str, Path]
     member_motions: Mapping[str, Motion] | None = None
 
     def __bool__(self) -> bool:
-        return bool(self.view) and all(motion.certificate.is_valid for motion in self._along.values())
+        return bool(self.chain_plan) and all(motion.certificate.is_valid for motion in self._along.values())
 
     def __repr__(self) -> str:
         return str(self)
 
     def __str__(self) -> str:
-        lines = [str(self.view)]
-        if self.view.has_motion:
+        return "\n".join([str(self.chain_plan), *self.remarks])
+
+    @property
+    def remarks(self) -> list[str]:
+        """Lines on what is proved besides the certificate of the chain: of paths in the world, of tools, between members."""
+        lines = list[str]()
+        if self.chain_plan.has_motion:
             for name, motion in self._along.items():
                 lines += [f"{name}: {line}" for line in str(motion.certificate).splitlines()]
             lines += [] if self.held is None else [f"held: {self.held}"]
             for name, one in self.clearances.items() if self.scene is not None else ():
                 lines += [f"clearance of {name} {words} {kind.describe()}" for words, kind in one.kinds.items()]
-        return "\n".join(lines)
+        return lines
 
     def _repr_html_(self) -> str:
         """Return verdict, peaks and plots for a notebook."""
-        return self.view._repr_html_() if isinstance(self.view, Plan) else self.certificate._repr_html_()
+        return self.chain_plan._repr_html_() if isinstance(self.chain_plan, Plan) else self.certificate._repr_html_()
 
     @property
     def _plan(self) -> Plan:
         """The plan of the chain; raises InvalidInput for given motions, which have no common path."""
-        if not isinstance(self.view, Plan):
+        if not isinstance(self.chain_plan, Plan):
             raise InvalidInput("plan", "two given motions, without a common path", "one of plan.members, by its name")
-        return self.view
+        return self.chain_plan
 
     @property
     def status(self) -> PlanStatus:
         """Status of the plan."""
-        return self.view.status
+        return self.chain_plan.status
 
     @property
     def failure(self) -> PlanFailure | None:
         """Where and why it failed."""
-        return self.view.failure
+        return self.chain_plan.failure
 
     @property
     def certificate(self) -> Certificate:
         """The certificate of the chain's motion; raises `NoSolution` if there is no motion."""
-        return self.view.certificate
+        return self.chain_plan.certificate
 
     @property
     def motion(self) -> Motion:
-        """The motion of the chain, for files and messages; raises `NoSolution` if there is none."""
-        return self._plan.motion
+        """The motion of the chain, for files, messages and viewers; raises `NoSolution` if there is none."""
+        return replace(self._plan.motion, world=World(self.group, self.scene))
 
     @property
     def duration(self) -> float:
         """Duration of the motion [s]; raises `NoSolution` if there is no motion."""
-        return self.view.duration
+        return self.chain_plan.duration
 
     @cached_property
     def trajectory(self) -> Trajectory:
         """The motion of all joints, in the order of the group; raises `NoSolution` if there is no motion."""
-        order = self.group.order(self.frame, self.tool)
-        return map_joints(self.view.trajectory, np.eye(self.group.n)[np.argsort(order)])
+        return map_joints(self.chain_plan.trajectory, np.eye(self.group.n)[self.group.places(self.chain_plan.robot)])
 
     @cached_property
     def members(self) -> dict[str, Motion]:
@@ -134,19 +142,17 @@ class GroupPlan:
 
     def _make_motion(self, name: str) -> Motion:
         """Return the motion of a member."""
-        robot, limits, sections = self.group.members[name], self.limits[name], getattr(self.view, "sections", ())
-        columns = np.argsort(self.group.order(self.frame, self.tool))[self.group.columns(name)]
+        plan, robot, limits, proof = self.chain_plan, self.group.members[name], self.limits[name], self.certificate
+        columns, sections = self.group.places(plan.robot)[self.group.columns(name)], getattr(plan, "sections", ())
         curves = []
-        for joints in [one.joint_path for one in sections or (self.view,)]:
+        for joints in [one.joint_path for one in sections or (plan,)]:
             rows = joints.at_nodes[:, :, columns]
             curves.append(JointCurve(robot, joints.nodes, rows[:, 0], rows[:, 1:]))
         whole = ProgramPath(curves, [robot] * len(curves)) if sections else curves[0]
-        path = self.paths.get(name) or whole
-        moved = map_joints(self.view.trajectory, np.eye(self.group.n)[columns])
+        path, moved = self.paths.get(name) or whole, map_joints(plan.trajectory, np.eye(self.group.n)[columns])
         kinds = {one: one if one in DERIVATIVES else f"{name}.{one}" for one in limits.names}
-        enforced = tuple(one for one, kind in kinds.items() if kind in self.certificate.enforced)
-        tolerance = self.certificate.tolerance
-        return Motion(robot, path, limits, moved, self.view.law, enforced, tolerance, scene=self._find_scene(name))
+        enforced, scene = tuple(one for one, kind in kinds.items() if kind in proof.enforced), self._find_scene(name)
+        return Motion(robot, path, limits, moved, plan.law, enforced, proof.tolerance, scene=scene)
 
     def _find_scene(self, member: str) -> Scene | None:
         """Return the scene of a member alone, whose links in ``allow`` have its own names."""
@@ -162,7 +168,7 @@ class GroupPlan:
             return None
         speeds = [self.members[name].certificate.analysis.tool_speed[0] for name in self.paths]
         chain = self.group.chain(self.frame, self.tool)
-        return prove_held(chain, self.view.trajectory, np.max(speeds, axis=0))
+        return prove_held(chain, self.chain_plan.trajectory, np.max(speeds, axis=0))
 
     @cached_property
     def clearances(self) -> dict[str, Clearance]:
@@ -171,27 +177,43 @@ class GroupPlan:
             name: clearance(motion.robot, motion.trajectory, motion.scene or Scene())
             for name, motion in self.members.items()
         }
-        chain = self.group.chain(self.frame, self.tool)
+        return own | {f"{one} and {other}": self._find_clearance(one, other) for one, other in combinations(own, 2)}
+
+    def _find_clearance(self, *pair: str) -> Clearance:
+        """Return the proved distances between two members."""
+        chain, moved = self.group.chain(*pair), np.eye(self.group.n)[self.group.order(*pair)]
         assert chain.shapes is not None
-        each = [[one for one in dict.fromkeys(chain.shapes.names) if one.startswith(f"{name}/")] for name in own]
+        each = [[one for one in dict.fromkeys(chain.shapes.names) if one.startswith(f"{name}/")] for name in pair]
         apart = [(one, other, OF_MEMBER) for names in each for one, other in combinations_with_replacement(names, 2)]
         between = chain.with_shapes(chain.shapes.with_apart(apart))
-        return own | {" and ".join(own): clearance(between, self.view.trajectory, Scene())}
+        return clearance(between, map_joints(self.trajectory, moved), Scene())
 
     def show(self) -> Page:
-        """Show the motion of the tool in its frame: in the cell of a notebook, else in the browser."""
-        return self._plan.show()
+        """Show all members and the obstacles in the world: in the cell of a notebook, else in the browser."""
+        if isinstance(self.chain_plan, Plan):
+            return show_page(show_motion(self)) if self.chain_plan.has_motion else self.chain_plan.show()
+        robot, moved, world = self.chain_plan.robot, self.chain_plan.trajectory, World(self.group, self.scene)
+        limits = join_member_limits(self.group, robot, self.limits)
+        return show_page(show_trajectory(robot, moved, self.certificate, limits, None, world))
 
     def plot(self) -> Any:
         """Plot the joints over time against their limits, as `Plan.plot`."""
         return self._plan.plot()
 
-    def save(self, file: str | os.PathLike[str]) -> None:
-        """Save the motion of the chain; `members` save those of each member.
+    def save(self, file: str | os.PathLike[str], **options: Any) -> RosExport | None:
+        """Save the motion of the chain and the members in the world; `members` save those of each member.
 
         Parameters
         ----------
         file : str or path
-            Its suffix chooses the format, as of `planners.save`.
+            Its suffix chooses the format, as of `planners.save`. A message of ROS is one file for each member, as of
+            `planners.to_ros`.
+        **options
+            As for `planners.save`.
+
+        Returns
+        -------
+        RosExport or None
+            For messages, the result of `to_ros`.
         """
-        save(self._plan, file)
+        return save(self, file, **options)

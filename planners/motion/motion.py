@@ -12,6 +12,7 @@ from typing import Any, NamedTuple, NoReturn, Protocol, cast
 import numpy as np
 import scipy
 
+from optik.arm.group import Group
 from optik.arm.plain import read_list, read_word
 from optik.arm.robot import Robot
 from optik.check import check_kind, check_number
@@ -141,6 +142,13 @@ class PlanStatus(StrEnum):
     NO_PATH_FOUND = FollowStatus.NO_PATH_FOUND
 
 
+class World(NamedTuple):
+    """What stands in the world around a motion of a chain through several mechanisms: their group, and the obstacles."""
+
+    group: Group
+    scene: Scene | None
+
+
 @dataclass(frozen=True, eq=False)
 class Motion:
     """A timed motion, and the data by which it is certified.
@@ -167,6 +175,8 @@ class Motion:
         Limits that replace ``limits`` until a time [s].
     events : tuple of Event
         Signals at instants of the motion.
+    world : World, optional
+        Of the motion of a group: its members and obstacles as they stand in the world, where it is shown.
 
     Raises
     ------
@@ -186,6 +196,7 @@ class Motion:
     scene: Scene | None = None
     before: tuple[MotionLimits, float] | None = None
     events: tuple[Event, ...] = ()
+    world: World | None = None
 
     def __post_init__(self) -> None:
         kinds = {"robot": Robot, "path": Path, "limits": MotionLimits, "trajectory": Trajectory, "law": str}
@@ -209,6 +220,8 @@ class Motion:
         arms = getattr(self.path, "robots", (self.robot,))
         for arm in dict.fromkeys(arms):
             check_scene(arm, scene_for(arm, self.scene, arms))
+        if self.world is not None:
+            self.world.group.places(self.robot)
 
     @cached_property
     def certificate(self) -> Certificate:

@@ -20,7 +20,7 @@ from optik.view.show import Show, Track
 from planners.certificate.certificate import Certificate, find_enforced, limit_bars, proof_facts, summary_lines
 from planners.certificate.certification import find_section_times
 from planners.limits import MotionLimits, sides
-from planners.motion.motion import HasMotion, Motion, get_motion
+from planners.motion.motion import HasMotion, Motion, World, get_motion
 from planners.paths.base import Path
 from planners.paths.free_path import FreePath
 from planners.paths.joint_curve import JointCurve
@@ -249,24 +249,30 @@ def show_motion(motion: Motion | HasMotion) -> Show:
     proof = getattr(motion, "certificate", None)
     if not isinstance(proof, Certificate):
         proof = found.certify()
-    title, path = f"{found.robot.name}: {found.law or 'a motion'}", sample_path(found.path)
-    shown = show_trajectory(found.robot, found.trajectory, proof, found.limits, found.scene)
+    title, world = f"{found.robot.name}: {found.law or 'a motion'}", found.world
+    shown = show_trajectory(found.robot, found.trajectory, proof, found.limits, found.scene, world)
+    path = sample_path(found.path) if world is None else shown.path
     facts = (*motion_facts(found), *_freedom_facts(found.path), *_program_facts(found), *shown.facts)
     at = [event.t for event in found.events]
-    events = found.robot.fk(found.trajectory(np.array(at)))[:, :3, 3] if at else None
-    before = sample_first_way(found.path)
-    return replace(
-        shown, title=title, path=path, facts=facts, before=before, zones=sample_zones(found.path), events=events
-    )
+    order = slice(None) if world is None else world.group.places(found.robot)
+    events = shown.robot.fk(found.trajectory(np.array(at))[:, order])[:, :3, 3] if at else None
+    before, zones = (sample_first_way(found.path), sample_zones(found.path)) if world is None else (None, ())
+    return replace(shown, title=title, path=path, facts=facts, before=before, zones=zones, events=events)
 
 
 def show_trajectory(
-    robot: Robot, trajectory: Trajectory, proof: Certificate, limits: MotionLimits, scene: Scene | None
-) -> Show:
+    robot: Robot, trajectory: Trajectory, proof: Certificate, limits: MotionLimits, scene: Scene | None,
+    world: World | None = None,
+) -> Show:  # fmt: skip
     """Return the content of a viewer for a trajectory with its certificate, and its own course as the path."""
-    track = sample_track(trajectory)
+    track, bounds = sample_track(trajectory), plot_limits(limits, robot.n)
+    if world is not None:  # the base of a chain through several mechanisms moves
+        order, tool = world.group.places(robot), robot.joint_names[-1].partition("/")[0]
+        track = Track(track.t, *(None if one is None else one[:, order] for one in track[1:]))
+        bounds = {name: (low[order], high[order]) for name, (low, high) in bounds.items()}
+        robot, scene = world.group.as_robot(tool), world.scene
     return Show(
-        robot, robot.name, track, robot.fk(track.q)[:, :3, 3], scene=scene, limits=plot_limits(limits, robot.n),
+        robot, robot.name, track, robot.fk(track.q)[:, :3, 3], scene=scene, limits=bounds,
         facts=certificate_facts(proof), bars=limit_bars(proof), verdict=summary_lines(proof)[0], good=proof.is_valid,
     )  # fmt: skip
 

@@ -41,7 +41,7 @@ from optik.errors import InvalidInput, OptikError
 from optik.file_io import decode_text, parse_toml, read_bytes
 from optik.plugins.files import find_nearest_name, is_path
 from optik.tables import read_table
-from optik.types import Array
+from optik.types import Array, Indices
 from planners.paths.arc import Arc
 from planners.paths.base import Path
 from planners.paths.polyline import Polyline
@@ -90,8 +90,9 @@ class ProgramFile(NamedTuple):
 
 
 def load_program(
-    file: str | os.PathLike[str], robot: Robot | str | None = None, start: Array | None = None
-) -> ProgramFile:
+    file: str | os.PathLike[str], robot: Robot | str | None = None, start: Array | None = None,
+    order: Indices | None = None,
+) -> ProgramFile:  # fmt: skip
     """Read a program from a TOML file.
 
     Parameters
@@ -102,6 +103,8 @@ def load_program(
         The arm, instead of the one that the file names.
     start : (n,) array, optional
         The start [rad, m], instead of the file's.
+    order : (n,) array of int, optional
+        For the chain of a group: the indices of its joints in the group, in whose order the file gives joints.
 
     Returns
     -------
@@ -113,7 +116,7 @@ def load_program(
     InvalidInput
         A mistake, in one line: the part, the key, and what is allowed. No code is run from the file.
     """
-    content, mistakes = read_program(file, robot, start)
+    content, mistakes = read_program(file, robot, start, order)
     if content is None:
         raise mistakes[0]
     return content
@@ -125,11 +128,12 @@ def find_robot(file: str | os.PathLike[str]) -> str:
 
 
 def read_program(
-    file: str | os.PathLike[str], robot: Robot | str | None = None, start: Array | None = None
-) -> tuple[ProgramFile | None, list[InvalidInput]]:
+    file: str | os.PathLike[str], robot: Robot | str | None = None, start: Array | None = None,
+    order: Indices | None = None,
+) -> tuple[ProgramFile | None, list[InvalidInput]]:  # fmt: skip
     """Return the content of a file, and its mistakes: the first one of each part and event. With mistakes it has none."""
     try:
-        reader = _Reader(file)
+        reader = _Reader(file, slice(None) if order is None else order)
         return reader.read(reader.find_robot() if robot is None else robot, start), reader.mistakes
     except InvalidInput as error:
         return None, [error]
@@ -141,8 +145,8 @@ class _Reader:
     `paths` are the moves that were read, with their paths in space where these are known.
     """
 
-    def __init__(self, file: str | os.PathLike[str]) -> None:
-        self.file, self.where, self.mistakes = FilePath(file), "", list[InvalidInput]()
+    def __init__(self, file: str | os.PathLike[str], order: Indices | slice = slice(None)) -> None:
+        self.file, self.where, self.mistakes, self.order = FilePath(file), "", list[InvalidInput](), order
         self.paths = list[tuple[Part, Path | None]]()
         content = decode_text(read_bytes(self.file, most=MOST_PROGRAM_BYTES), str(file))
         self.data = read_record(parse_toml(content, str(file)), (), f"{file}: keys", optional=FILE_KEYS)
@@ -210,7 +214,7 @@ class _Reader:
 
     def _read_joints(self, arm: Robot, value: Any, key: str) -> Array:
         """Return joints inside their ranges."""
-        return check_range(arm, read_vector(value, key, arm.n) / unit_factors(arm), key)
+        return check_range(arm, read_vector(value, key, arm.n)[self.order] / unit_factors(arm), key)
 
     def _read_configuration(self, arm: Robot, name: Any, key: str) -> Array:
         found = _look_up(key, name, self.data.get("configurations", {}))

@@ -385,8 +385,8 @@ def to_ros(
     allow : str or several
         Violations to permit, as for `planners.save`. The motion is not stretched for limits that may be exceeded.
     controllers : mapping of str to str, optional
-        For the plan of a group the controller of each member. One file for each is written beside `file`, with the member's
-        name before the suffix, its own joint names, and the same times in all of them.
+        For the motion of a group the controller of each member, by default without a name. One file for each is written beside
+        `file`, with the member's name before the suffix, its own joint names, and the same times in all of them.
 
     Returns
     -------
@@ -409,6 +409,8 @@ def to_ros(
     message, sent = ros_message(motion, rate=rate, strict=strict, keep_speed=keep_speed, allow=allow, **options)
     _check_start(motion, start, tolerance, find_columns(motion.robot, joint_names))
     messages: dict[FilePath, tuple[dict[str, Any], list[str]]] = {FilePath(file): (message, [])}
+    if controllers is None and motion.world is not None:
+        controllers = {name: f"the controller of {name}" for name in motion.world.group.members}
     if controllers is not None:
         messages = {
             FilePath(file).with_suffix(f".{name}{suffix}"): (select_joints(message, name), [f"for {one}"])

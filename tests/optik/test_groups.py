@@ -99,6 +99,31 @@ def test_rooms_of_a_chain_are_those_of_its_members_in_the_world() -> None:
     assert (rooms[free] <= alone[free] + 1e-9).all() and rooms[free] == pytest.approx(alone[free], abs=3e-3)
 
 
+@pytest.mark.parametrize("tool", ["a", "b", "c"])
+def test_all_members_are_one_robot_in_the_world(tool: str) -> None:
+    rng = np.random.default_rng(4)
+    group = Group(a=placed("panda", rng), b=placed("irb910sc", rng), c=placed("ur5e", rng))
+    robot, q = group.as_robot(tool), group.limits.sample(rng, 30)
+    assert robot.joint_names == group.joint_names and Robot.from_dict(robot.to_dict()) == robot
+    assert robot.fk(q) == pytest.approx(group.fk(q)[tool], abs=1e-12) and robot.limits.contains(q).all()
+    with pytest.raises(InvalidInput, match="a or b or c"):
+        group.as_robot("d")
+
+
+def test_rooms_of_one_robot_in_the_world_are_those_of_the_chain() -> None:
+    group, scene, rng = members(), around(), np.random.default_rng(1)
+    q = group.limits.sample(rng, 120)
+    chain = chain_in_scene(group, "left", "right", scene)
+    rooms = find_clearances(chain, Scene(), q[:, group.order("left", "right")])[0][:, 1]
+    for tool in group.members:
+        robot = group.as_robot(tool)
+        to_scene, own = find_clearances(robot, scene, q)[0].T
+        assert ((np.minimum(to_scene - scene.margin, own) > 0.0) == (rooms > 0.0)).all()
+        pairs = [{frozenset((s.names[i], s.names[j])) for i, j in s.pairs}
+                 for s in (robot.shapes, group.chain("left", "right").shapes)]  # fmt: skip
+        assert pairs[0] == pairs[1]
+
+
 def test_neighbours_are_links_of_one_mechanism() -> None:
     group = members()
     names = group.chain("left", "right").shapes.names

@@ -10,6 +10,7 @@ import pytest
 import optik
 import planners
 from optik import Group, JointLimits, Robot, Scene, se3
+from optik.arm.shapes.enclosure import complete_frame
 from optik.errors import InvalidInput, InvalidMotion
 from planners import (
     Arc,
@@ -27,6 +28,7 @@ from planners import (
     to_ros,
 )
 from planners.limits import OpenContainer
+from planners.motion.show import show_motion
 from planners.trajectory import cut_after
 from tests.planners.chains import draw_seam
 
@@ -81,7 +83,7 @@ def test_a_seam_is_followed_on_a_moving_table(seed: int) -> None:
         alone = certify(motion.robot, None, motion.trajectory, motion.limits)
         assert motion.certificate.is_valid and alone.is_valid
         for limit in ("velocity", "acceleration", "jerk"):
-            joints = [found.view.robot.joint_names.index(f"{name}/{joint}") for joint in motion.robot.joint_names]
+            joints = [found.chain_plan.robot.joint_names.index(f"{name}/{joint}") for joint in motion.robot.joint_names]
             whole = getattr(found.certificate, limit).ratio[joints]
             assert getattr(alone, limit).ratio == pytest.approx(whole, abs=1e-9)
 
@@ -95,6 +97,25 @@ def test_the_redundancy_of_a_group_shortens_its_motion_and_laws_know_the_members
     assert limited and limited.certificate.tool_speed.ratio == pytest.approx(1.0, abs=0.01)
     slow = plan(group, seam, tool="arm", frame="table", timing=make_law("constant_speed", speed=0.05))
     assert slow and slow.duration == pytest.approx(seam.end / 0.05, rel=0.2)
+
+
+def test_a_table_that_stands_still_is_tried_too() -> None:
+    group, stood = welding(), list[tuple[planners.Path, dict[str, optik.types.Array], float]]()
+    arm, frame = group.members["arm"], group.members["table"]
+    for seed in (3, 13):
+        seam = draw_seam(np.random.default_rng([seed, 3]), 0.7)
+        turned = [se3.inverse(frame.fk([0.0, k * np.pi / 4])) for k in range(8)]
+        alone = [one.duration for T in turned if (one := plan(arm.with_base(T), seam))]
+        for path in (seam, free(seam, elbow=True)):
+            found = plan(group, path, tool="arm", frame="table")
+            assert found and found.duration <= 1.003 * min(alone, default=np.inf)
+            assert (found.chain_plan.freedom is None) == (path is seam)
+            q = group.split(found.trajectory(np.linspace(0.0, found.duration, 50)))
+            if (np.ptp(q["table"], axis=0) == 0.0).all():
+                stood.append((seam, {name: joints[0] for name, joints in q.items()}, found.duration))
+    assert stood
+    seam, start, least = stood[0]
+    assert plan(group, seam, start, tool="arm", frame="table").duration <= 1.003 * least
 
 
 def test_a_container_is_judged_over_ground_not_in_the_frame_of_the_table() -> None:
@@ -115,7 +136,9 @@ def test_a_container_is_judged_over_ground_not_in_the_frame_of_the_table() -> No
     )
     assert found.certificate.extra["arm.open_container"].ratio > 0.9
     with pytest.raises(InvalidInput, match="gravity"):
-        certify(group.chain("table", "arm"), None, found.view.trajectory, MotionLimits(extra={"open_container": 0.3}))
+        certify(
+            group.chain("table", "arm"), None, found.chain_plan.trajectory, MotionLimits(extra={"open_container": 0.3})
+        )
 
 
 def test_a_piece_in_two_hands_is_held() -> None:
@@ -178,7 +201,7 @@ def test_a_bump_of_one_hand_is_within_the_proved_distance() -> None:
 
     group = carrying()
     found, rng = plan(group, lift(), tool=("left", "right")), np.random.default_rng(5)
-    chain, motion = group.chain("left", "right"), found.view.trajectory
+    chain, motion = group.chain("left", "right"), found.chain_plan.trajectory
     for size in (1e-6, 1e-3, 0.1):
         c = motion.padded[:, ::8].copy()[:, :3]
         knots = np.array([0.0, 0.1, 0.3, 0.5])
@@ -203,10 +226,10 @@ def facing(turn: float, lift: float) -> list[Plan]:
 def test_two_arms_on_one_clock_wait_where_it_helps() -> None:
     each = facing(1.0, -1.9)
     both = combine(*each)
-    assert both and both.view.waits["left"] > 0.3 and both.view.waits["right"] == 0.0
+    assert both and both.chain_plan.waits["left"] > 0.3 and both.chain_plan.waits["right"] == 0.0
     assert both.clearances["left and right"].proved
     for name, own in zip(("left", "right"), each, strict=True):
-        t, wait = np.linspace(0.0, both.duration, 50), both.view.waits[name]
+        t, wait = np.linspace(0.0, both.duration, 50), both.chain_plan.waits[name]
         seen = both.group.split(both.trajectory(t))[name]
         assert seen == pytest.approx(own.trajectory(np.clip(t - wait, 0.0, own.duration)), abs=1e-9)
         assert both.members[name].certificate.is_valid
@@ -256,8 +279,8 @@ def test_motions_of_groups_are_stored_and_sent(tmp_path: Path) -> None:
     assert found
     found.save(tmp_path / "seam.json")
     read = load_motion(tmp_path / "seam.json")
-    assert read.robot == found.view.robot and read.certificate.is_valid
-    assert (read.trajectory.coefficients == found.view.trajectory.coefficients).all()
+    assert read.robot == found.chain_plan.robot and read.certificate.is_valid
+    assert (read.trajectory.coefficients == found.chain_plan.trajectory.coefficients).all()
     assert read.certificate.extra["arm.torque"].ratio == pytest.approx(found.certificate.extra["arm.torque"].ratio)
     to_ros(found, tmp_path / "weld.yaml", controllers={"arm": "/arm_controller", "table": "/table_controller"})
     each = {
@@ -276,7 +299,9 @@ def test_a_program_in_the_frame_of_the_table_is_planned_and_its_members_are_prog
     away = Line(end := weld.pose(weld.end), end @ se3.pose(p=[0.0, 0.0, -0.1]))
     start = plan(group, weld, tool="arm").trajectory(0.0)
     found = plan(group, Program([Part(weld), Part(away)]), start, tool="arm", frame="table")
-    assert found and found.view.path.robots[0] == group.chain("table", "arm") and len(found.view.sections) == 2
+    assert (
+        found and found.chain_plan.path.robots[0] == group.chain("table", "arm") and len(found.chain_plan.sections) == 2
+    )
     assert all(motion.certificate.is_valid for motion in found.members.values())
     found.save(tmp_path / "program.json")
     assert load_motion(tmp_path / "program.json").certificate.is_valid
@@ -293,3 +318,91 @@ def test_arguments_of_groups_are_checked() -> None:
             plan(group, seam, **options)
     with pytest.raises(InvalidInput, match="Group"):
         plan(group.members["arm"], seam, frame="table")
+
+
+def capsules_at(robot: Robot, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Links (m,), ends (k, m, 3) each in the world, and radii (m,) of an arm's capsules at configurations."""
+    link, a, b, radius = robot.shapes.capsules
+    frames = np.concatenate([np.broadcast_to(np.eye(4), (len(q), 1, 4, 4)), robot.frames(q)[:, :-1]], axis=1)[:, link]
+    ends = [np.einsum("kmij,mj->kmi", frames[..., :3, :3], x) + frames[..., :3, 3] for x in (a, b)]
+    return link, *ends, radius
+
+
+def around_a_table() -> Group:
+    """Three arms that look at the same place."""
+    arm, turns = optik.load("ur5e").with_limits(**RATES), 2.0 * np.pi / 3.0 * np.arange(3)
+    bases = (se3.pose(se3.exp_so3([0.0, 0.0, a]), [-0.48 * np.cos(a), -0.48 * np.sin(a), 0.0]) for a in turns)
+    return Group({name: arm.with_base(base) for name, base in zip("abc", bases, strict=True)})
+
+
+def test_three_members_reach_their_goals_on_one_clock() -> None:
+    group, q = around_a_table(), np.array([np.pi, -1.9, 1.9, -1.6, -1.57, 0.0])
+    start, floor = dict.fromkeys("abc", q), Scene(boxes=[(se3.pose(p=[0.0, 0.0, -0.1]), (2.0, 2.0, 0.05))])
+    pose = group.members["b"].fk(q + np.array([0.4, 0.1, 0, 0, 0, 0]))
+    found = plan(group, {"a": q + np.array([0.5, 0, 0, 0, 0, 0]), "b": pose}, start, scene=floor)
+    assert found and group.fk(found.trajectory(found.duration))["b"] == pytest.approx(pose, abs=1e-6)
+    assert set(found.clearances) == {"a", "b", "c", "a and b", "a and c", "b and c"}
+    assert all(one.proved for one in found.clearances.values())
+    assert found.members["c"].trajectory(found.duration) == pytest.approx(q, abs=1e-12)
+    for name, motion in found.members.items():
+        alone = certify(group.members[name], None, motion.trajectory, motion.limits, scene=floor)
+        assert alone.is_valid and motion.certificate.is_valid
+        for limit in ("velocity", "acceleration", "jerk"):
+            whole = getattr(found.certificate, limit).ratio[group.columns(name)]
+            assert getattr(alone, limit).ratio == pytest.approx(whole, abs=1e-9)
+        whole = found.certificate.extra[f"{name}.torque"].ratio
+        assert alone.torque.ratio == pytest.approx(whole, abs=1e-9)
+    with pytest.raises(InvalidInput, match="two members"):
+        plan(group, lift(), tool="a")
+
+
+def test_three_members_that_are_proved_apart_do_not_touch_by_coal() -> None:
+    coal = pytest.importorskip("coal")
+    group, rng = around_a_table(), np.random.default_rng(5)
+    middle, spread = np.array([np.pi, -1.9, 1.9, -1.6, -1.57, 0.0]), np.array([0.6, 0.3, 0.3, 0.3, 0.3, 0.3])
+
+    def place(a: np.ndarray, b: np.ndarray, radius: float) -> tuple[object, object]:
+        length = float(np.linalg.norm(b - a))
+        z = (b - a) / length
+        turn = np.column_stack([*complete_frame(z), z])
+        return coal.Capsule(radius, length), coal.Transform3s(turn, 0.5 * (a + b))
+
+    seen = set()
+    for k in range(12):
+        ends = [{name: middle + spread * rng.normal(size=6) for name in "abc"} for _ in range(2)]
+        if k not in (0, 11):  # two of the draws are enough: one whose straight motion is free, and one whose is not
+            continue
+        found, least, is_free = (
+            plan(group, ends[1], ends[0]),
+            np.inf,
+            bool(plan(group, ends[1], ends[0], scene=Scene())),
+        )
+        moved = group.split(found.trajectory(np.linspace(0.0, found.duration, int(1e3 * found.duration))))
+        arms = [capsules_at(group.members[name], joints) for name, joints in moved.items()]
+        for (_, a, b, r), (_, c, d, w) in itertools.combinations(arms, 2):
+            for i, j in np.ndindex(len(r), len(w)):
+                size = 0.5 * sum(np.linalg.norm(y[0] - x[0]) for x, y in ((a[:, i], b[:, i]), (c[:, j], d[:, j])))
+                far = 0.5 * np.linalg.norm(a[:, i] + b[:, i] - c[:, j] - d[:, j], axis=1) - size - r[i] - w[j]
+                for t in np.flatnonzero(far < min(least, 0.05)):
+                    pair = place(a[t, i], b[t, i], r[i]), place(c[t, j], d[t, j], w[j])
+                    distance = coal.distance(*pair[0], *pair[1], coal.DistanceRequest(), coal.DistanceResult())
+                    least = min(least, float(distance))
+        proved = min(one.own.value for name, one in found.clearances.items() if " and " in name)
+        assert proved <= least + 1e-6 and (least > 0.0) == is_free
+        seen.add(is_free)
+    assert seen == {True, False}
+
+
+def test_a_plan_is_shown_in_the_world(tmp_path: Path) -> None:
+    group, weld = welding(), Arc.about(se3.pose(np.diag([1.0, -1, -1]), [0.1, 0, 0.05]), [0, 0, 0.05], [0, 0, 1.0], 1.0)
+    limits = {"table": MotionLimits.of(table(), velocity=[0.5, 1.5])}
+    found = plan(group, weld, tool="arm", frame="table", limits=limits)
+    found.save(tmp_path / "seam.json")
+    for shown in map(show_motion, (found, load_motion(tmp_path / "seam.json"))):
+        joints = found.trajectory(shown.planned.t)
+        assert shown.robot.joint_names == group.joint_names and shown.planned.q == pytest.approx(joints, abs=1e-9)
+        assert shown.robot.fk(shown.planned.q) == pytest.approx(group.fk(joints)["arm"], abs=1e-12)
+        assert shown.path == pytest.approx(group.fk(joints)["arm"][:, :3, 3], abs=1e-9)
+        assert shown.limits["dq"][1].tolist() == [*RATES["velocity"], 0.5, 1.5]
+    both = combine(*facing(1.0, -1.9)).show()
+    assert all(word in both.html for word in ("left/joint6", "right/joint6"))

@@ -1,0 +1,64 @@
+"""A frame that stands still: the joint paths of a chain in which the member with the tool moves alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+
+from optik import se3
+from optik.arm.robot import Robot
+from optik.types import Array
+from planners.following.follow import FollowResult
+from planners.following.joint_path import JointPath
+from planners.limits.motion_limits import MotionLimits, compute_least_duration
+
+MOST_AXES, ANGLES, TIMED = 2, 8, 2
+"""Most joints of a positioner, the angles of its last one at which it may stand still, and how many of these are timed."""
+SAMPLES = 64
+"""Positions along the path by which the travel of the joints is measured."""
+
+
+def list_still(frame: Robot) -> list[Array]:
+    """Return configurations in which a positioner may stand still; none of a longer frame."""
+    if frame.n > MOST_AXES:
+        return []
+    limits = frame.limits
+    still = np.tile(np.clip(0.0, limits.lower, limits.upper), (ANGLES, 1))
+    ends = np.maximum(limits.lower[-1], -np.pi), np.minimum(limits.upper[-1], np.pi)
+    still[:, -1] = np.linspace(*ends, ANGLES, endpoint=ends[1] - ends[0] < 2.0 * np.pi)
+    return list(still)
+
+
+def follow_still(
+    chain: Robot,
+    frame: Robot,
+    arm: Robot,
+    still: Sequence[Array],
+    follow: Callable[[Robot], FollowResult],
+    limits: MotionLimits,
+) -> Iterator[JointPath]:
+    """Yield joint paths of the chain with the frame still at one of some configurations, those of least travel first."""
+    paths = list[tuple[float, JointPath]]()
+    for q in still:
+        joints = follow(arm.with_base(se3.inverse(frame.fk(q)))).joint_path
+        if joints is not None:
+            paths.append((_estimate_duration(joints, limits), _hold(chain, joints, q)))
+    for _, joints in sorted(paths, key=lambda one: one[0])[:TIMED]:
+        yield joints
+
+
+def _hold(chain: Robot, joints: JointPath, q: Array) -> JointPath:
+    """Return the joint path of the chain, whose first joints are those of the frame in reverse order."""
+    count, none = len(joints.knots), np.zeros((len(joints.knots), 3, len(q)))
+    values = np.hstack([np.tile(q[::-1], (count, 1)), joints.q])
+    derivatives = np.concatenate([none, joints.derivatives], axis=2)
+    return JointPath(
+        chain, joints.path, joints.knots, values, derivatives, joints.ik, np.isin(joints.knots, joints.nodes)
+    )
+
+
+def _estimate_duration(joints: JointPath, limits: MotionLimits) -> float:
+    """Return the least duration of the joint that needs most for its travel [s]."""
+    travel = np.abs(np.diff(joints(np.linspace(0.0, joints.end, SAMPLES)), axis=0)).sum(axis=0)
+    return compute_least_duration(travel, limits)
