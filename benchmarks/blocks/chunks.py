@@ -33,7 +33,7 @@ WITHIN = 1.0 + 1e-6
 """Largest ratio to a limit that is rounding of the differences."""
 AT_REST, MOVING, BRIEF = 1e-3, 0.05, 10
 """Speeds below which an arm rests and above which the policy moves [rad/s]; ticks of the shortest stop."""
-LAGS = np.arange(-0.1, 0.8, 0.01)
+LAGS = np.arange(-10, 80) / 100.0
 """Lags that are tried [s]: that of a rule has the least median distance."""
 BEGIN = 1000
 """Ticks before the comparison with the policy."""
