@@ -8,7 +8,7 @@ export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
 export OPTIK_PEERS ?= $(abspath $(VENV))/peers
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: demo test lint docs pictures tables soak soak-part newest on-newest mutants kernels wheel clean
+.PHONY: demo test lint docs pictures tables results soak soak-part newest on-newest mutants kernels wheel clean
 
 demo: $(VENV)/.core
 	$(BIN)/optik demo --out $(OUT)
@@ -71,6 +71,10 @@ wheel: kernels
 # The tables of docs/suites.md, from the settings that they show; a test compares them.
 tables: $(VENV)/.core
 	$(BIN)/python -m docs.suite_keys
+
+# Measures every part of benchmarks/results that is not finished, about two hours in all, and writes its page and README's table.
+results: $(VENV)/.dev
+	$(BIN)/python -m docs.results
 
 lint: $(VENV)/.dev
 	$(BIN)/ruff check .

@@ -187,20 +187,24 @@ class ProcessFailed(OptikError, RuntimeError):
 
 
 def fresh(arguments: list[str], what: str, **environment: str) -> Any:
-    """Run ``python ARGUMENTS`` and read what it prints as JSON. Nothing is imported from the working folder."""
+    """Run ``python ARGUMENTS`` with this code and read what it prints as JSON."""
     path = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
-    done = subprocess.run(
-        [sys.executable, *arguments],
-        capture_output=True,
-        text=True,
-        check=False,
-        env=os.environ | {"PYTHONPATH": path, "PYTHONSAFEPATH": "1"} | environment,
-    )
+    return json.loads(run_python(sys.executable, arguments, what, PYTHONPATH=path, **environment))
+
+
+def run_python(python: str, arguments: list[str], what: str, **environment: str) -> str:
+    """Run ``python ARGUMENTS`` with the code of that interpreter, and return its output.
+
+    Nothing is imported from the working folder, nor from this process's ``PYTHONPATH``.
+    """
+    outside = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
+    env = outside | {"PYTHONSAFEPATH": "1"} | environment
+    done = subprocess.run([python, *arguments], capture_output=True, text=True, check=False, env=env)
     if done.returncode != 0:
         raise ProcessFailed(
             f"{what}: {(done.stderr.strip().splitlines() or ['the process ended without a message'])[-1]}"
         )
-    return json.loads(done.stdout)
+    return done.stdout
 
 
 def trial_seed(seed: int, problem: int, method: str, trial: int = 0) -> int:

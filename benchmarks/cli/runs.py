@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import shlex
+import shutil
 import signal
 import time
 from collections.abc import Callable, Iterator
@@ -75,11 +76,26 @@ class RunCommand(JsonCommand):
         False,
         "--allow-plugins",
     )
+    against: str = option(
+        "Options",
+        "Interpreter of another version of optik. Each timed block runs alternately in fresh processes of both interpreters, "
+        "until the 95 % interval of the median ratio is narrower than 3 % or each has had 20. The other run is written to "
+        "RUN-against, and this run is compared with it.",
+        "",
+        metavar="PYTHON",
+    )
     report: bool = option("Output", "Also write the report.", False, "--report")
 
     def run(self) -> None:
         """Run the suite, and write its report if requested."""
+        if self.against and shutil.which(self.against) is None:
+            raise InvalidInput("--against", self.against, "a Python interpreter with optik")
         manifest = self.run_with_progress().manifest()
+        if self.against:
+            self._run_against(
+                os.path.abspath(shutil.which(self.against) or "")
+            )  # a link, by which it finds its packages
+            return
         if self.report:
             ReportCommand(folder=self.out, as_json=self.as_json).run()
         elif self.as_json:
@@ -89,6 +105,29 @@ class RunCommand(JsonCommand):
             out_console.print(words, soft_wrap=True)
         if not manifest["complete"]:
             raise typer.Exit(1)
+
+    def _run_against(self, python: str) -> None:
+        """Run the suite by the other interpreter, too, then its timed blocks alternately, and compare the runs."""
+        from benchmarks.blocks.contest import run_python
+        from benchmarks.records import RunFolder
+        from benchmarks.report.compare import is_settled
+        from benchmarks.run.against import run_alternately
+        from benchmarks.suite import SUITES, load_suite
+        from optik.registry import data_file
+
+        file, other = data_file(SUITES, self.suite, "suite").absolute(), self.out.with_name(f"{self.out.name}-against")
+        words = ["-m", "benchmarks.cli", "bench", "run", str(file), "--out", str(other)]
+        run_python(python, words + ["--allow-plugins"] * self.allow_plugins, f"{self.against}, {self.suite}")
+        suite, folders = (
+            load_suite(self.suite, allow_plugins=self.allow_plugins),
+            (RunFolder(other), RunFolder(self.out)),
+        )
+        with _show_progress(self.out) as tell:
+            run_alternately(
+                suite, file, folders[::-1], python, lambda kind, block: is_settled(kind, block, *folders),
+                lambda what: tell(0, 1, what),
+            )  # fmt: skip
+        CompareCommand(first=other, second=self.out, as_json=self.as_json).run()
 
     def run_with_progress(self) -> RunFolder:
         """Run the suite, print its progress on the error stream, and name the parts that failed."""
@@ -286,7 +325,8 @@ class CompareCommand(JsonCommand):
 
     Equal problems are compared in pairs by McNemar's and Wilcoxon's tests with Holm's correction. Blocks with other problems
     are not compared. A time must also differ by more than the spread between rounds. If a reference computation took another
-    time, too, that ratio is "the machine". The exit status is 1 if B is worse than A by more than the threshold.
+    time, too, the verdict is "the machine". Runs of `optik bench run --against` are compared by the median ratio of their
+    processes. The exit status is 1 if B is worse than A by more than the threshold.
     """
 
     first: Path = argument("A", "Folder of the first run.")

@@ -1,9 +1,13 @@
-"""Comparison of two runs: each method with itself, better, worse or within noise, by tests for each type of value."""
+"""Comparison of two runs: each method with itself, better, worse or within noise, by tests for each type of value.
+
+Two folders of ``optik bench run --against`` have the same times from several fresh processes, which ran alternately: their
+times are judged by the interval of the median ratio.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -13,16 +17,17 @@ import polars as pl
 from benchmarks.blocks.base import Field, Kind
 from benchmarks.blocks.block import Block
 from benchmarks.provenance import REFERENCE_LOOPS
-from benchmarks.records import slug
+from benchmarks.records import RunFolder, slug
 from benchmarks.report.base import Run
 from benchmarks.report.tables import quote_label
+from benchmarks.run.against import LEAST_PROCESSES, process_folders
 from benchmarks.statistics import holm, mcnemar, ratio_interval, signed_rank, wilson
 from optik.errors import InvalidInput
 from optik.plugins.files import forbid_code
 from optik.types import Array
 
 BETTER_VERDICT, WORSE_VERDICT, NOISE_VERDICT, MACHINE_VERDICT = "better", "worse", "within noise", "the machine"
-"""Verdicts. The last is of a time whose change is that of the reference computation on the machine."""
+"""Verdicts. The last is of a time that changed where the reference computation did not take the same time in both runs."""
 
 WORK, SECONDS = {"short": 2e-4, "middle": 4e-3, "long": math.inf}, {"µs": 1e-6, "ms": 1e-3, "s": 1.0}
 """Work that takes less [s] is compared with this reference computation; and the units of times [s]."""
@@ -31,6 +36,9 @@ SAME_SPEED = 0.05
 
 CLOCK_NOISE = 0.15
 """Relative change of a time that two runs of the same code on a shared machine show."""
+
+NARROW = 3.0
+"""Width of the 95 % interval [%] at which no further processes are needed; a change of a time below it is noise."""
 
 FALSE_ALARMS = 0.05
 """Probability that a comparison of two runs without any difference calls anything better or worse."""
@@ -62,10 +70,11 @@ class Difference:
     noise: float = 0.0
     """Change [%] that rounds of the same calls show."""
     machine: float = 1.0
-    """Time of the reference computation in the second run over that in the first; 1 where the measure is no time."""
+    """Time of the reference computation in the second run over that in the first; 1 where the measure is no time, NaN where
+    it is not known."""
     verdict: str = NOISE_VERDICT
     loss: float = 0.0
-    """By how much it is worse beyond the change of the machine, in the units of `change`; negative where it is better."""
+    """By how much it is worse, in the units of `change`; negative where it is better."""
 
 
 class SettingDifference(NamedTuple):
@@ -152,6 +161,7 @@ def _of_block(
         left_out.append(f"{block.id}: {why}")
         return
     machines = _compare_machines(a, b, kind.file(block))
+    alternated = process_rows(kind, (a.folder, block), (b.folder, other))
     labels = x["method"].unique(maintain_order=True).to_list()
     theirs = set(y["method"])
     missing = [label for label in labels if label not in theirs] + sorted(theirs - set(labels))
@@ -159,10 +169,14 @@ def _of_block(
     for label in (label for label in labels if label in theirs):
         for name, field in kind.compared.items():
             mine, other_rows = (frame.filter(pl.col("method") == label) for frame in (x, y))
-            if name in mine.columns and name in other_rows.columns:
+            if field.clock and alternated:
+                difference = _alternated(label, name, field, alternated)
+            elif name in mine.columns and name in other_rows.columns:
                 difference = _difference(name, field, mine, other_rows, machines)
-                if difference is not None:
-                    yield replace(difference[0], block=block.id, label=str(label)), field, difference[1]
+            else:
+                continue
+            if difference is not None:
+                yield replace(difference[0], block=block.id, label=str(label)), field, difference[1]
 
 
 def different_problems(a: Run, kind: Kind, block: Block, b: Run, other: Block) -> str | None:
@@ -177,23 +191,71 @@ def different_problems(a: Run, kind: Kind, block: Block, b: Run, other: Block) -
     return None
 
 
+RowPair = tuple[pl.DataFrame, pl.DataFrame]
+"""Rows of a block from the processes of two interpreters that ran one after the other."""
+
+
+def process_rows(kind: Kind, first: tuple[RunFolder, Block], second: tuple[RunFolder, Block]) -> list[RowPair]:
+    """Return the rows of a block from the alternate processes of two folders; none for folders that were made apart."""
+    tokens = [folder.manifest().get("alternated") for folder, _ in (first, second)]
+    if tokens[0] is None or tokens[0] != tokens[1]:
+        return []
+    rows = [
+        [kind.compared_rows(block, one) for at in process_folders(folder, kind, block)
+         if (one := kind.rows(RunFolder(at), block)) is not None]
+        for folder, block in (first, second)
+    ]  # fmt: skip
+    return list(zip(*rows, strict=False))
+
+
+def is_settled(kind: Kind, block: Block, first: RunFolder, second: RunFolder) -> bool:
+    """Say whether the interval of each median ratio of times is narrower than `NARROW`."""
+    pairs = process_rows(kind, (first, block), (second, block))
+    if len(pairs) < LEAST_PROCESSES:
+        return False
+    found = [
+        _alternated(label, name, field, pairs)
+        for label in pairs[0][0]["method"].unique().to_list()
+        for name, field in kind.compared.items()
+        if field.clock
+    ]
+    return all(one is None or one[0].high - one[0].low < NARROW for one in found)
+
+
+def _alternated(label: str, column: str, measure: Field, pairs: Sequence[RowPair]) -> tuple[Difference, bool] | None:
+    """Return the median ratio of a time over pairs of processes, and whether its interval is beyond `NARROW`."""
+    from scipy.stats import quantile_test
+
+    medians = []
+    for pair in pairs:
+        x, y = (frame.filter(pl.col("method") == label) for frame in pair)
+        matched = _matched(measure, x, y, column) if column in x.columns and column in y.columns else None
+        if matched is not None:
+            medians.append([float(np.median(frame[column].to_numpy())) for frame in matched[:2]])
+    if not medians:
+        return None
+    a, b = measure.scale * np.array(medians).T
+    interval = quantile_test(b / a, p=0.5).confidence_interval()  # of order statistics: valid for any distribution
+    change, low, high = (_percent(float(one)) for one in (np.median(b / a), interval.low, interval.high))
+    base = Difference("", "", measure.words, measure.unit, float(np.median(a)), float(np.median(b)), change, low, high)
+    return replace(base, pairs=len(medians)), low > NARROW or high < -NARROW
+
+
 class MachineChange(NamedTuple):
     """Time of a reference computation in the second run over that in the first, and the larger spread within a run."""
 
-    ratio: float = 1.0
+    ratio: float = math.nan
     spread: float = 0.0
 
 
 def _compare_machines(a: Run, b: Run, file: str) -> dict[str, MachineChange]:
-    """Return the change of each reference computation beside a block; a ratio is 1 within `SAME_SPEED` and its spread."""
+    """Return the change of each reference computation beside a block."""
     before, after = (run.manifest.get("reference", {}).get(file, []) for run in (a, b))
     found = {}
     for name in (f"{loop}{clock}" for loop in REFERENCE_LOOPS for clock in ("", "_cpu")) if before and after else ():
         x, y = (np.array([one[name] for one in times]) for times in (before, after))
-        ratio = float(np.median(y) / np.median(x))
         spread = max(float(np.diff(np.quantile(v, (0.1, 0.9)))[0] / np.median(v)) for v in (x, y))
-        same = abs(ratio - 1.0) <= max(SAME_SPEED, spread)
-        found[name] = MachineChange(1.0, max(spread, abs(ratio - 1.0))) if same else MachineChange(ratio, spread)
+        found[name] = MachineChange(float(np.median(y) / np.median(x)), spread)
     return found
 
 
@@ -201,14 +263,10 @@ def _difference(
     column: str, measure: Field, a: pl.DataFrame, b: pl.DataFrame, machines: dict[str, MachineChange]
 ) -> tuple[Difference, bool] | None:
     """Return one measure of one label; None if there is nothing to compare."""
-    repeated = any(frame["problem"].is_duplicated().any() for frame in (a, b))
-    a, b = (frame.filter(pl.col(column).is_not_null()) for frame in (a, b))
-    if not repeated:
-        a, b = _in_pairs(a, b, measure.only)
-    elif measure.only:
-        a, b = (frame.filter(measure.only) for frame in (a, b))
-    if a.is_empty() or b.is_empty():
+    matched = _matched(measure, a, b, column)
+    if matched is None:
         return None
+    a, b, repeated = matched
     x, y = (frame[column].to_numpy() for frame in (a, b))
     pairs = 0 if repeated else len(a)
     if measure.exact or (pairs == 1 and not measure.clock):
@@ -227,11 +285,20 @@ def _difference(
     return _values(measure, x, y, pairs, max(noise, machine.spread, CLOCK_NOISE), machine.ratio)
 
 
-def _in_pairs(a: pl.DataFrame, b: pl.DataFrame, only: str) -> tuple[pl.DataFrame, pl.DataFrame]:
-    """Return the rows of the problems that both runs have, in the same order, and where `only` is true in both."""
-    if only:
-        a, b = a.filter(only), b.filter(only)
-    return a.join(b, on="problem", how="semi").sort("problem"), b.join(a, on="problem", how="semi").sort("problem")
+def _matched(
+    measure: Field, a: pl.DataFrame, b: pl.DataFrame, column: str
+) -> tuple[pl.DataFrame, pl.DataFrame, bool] | None:
+    """Return the rows that are compared, and whether a problem has several; None if there are none.
+
+    They are of the problems that both runs have, in the same order, where `only` is true in both.
+    """
+    repeated = any(frame["problem"].is_duplicated().any() for frame in (a, b))
+    a, b = (frame.filter(pl.col(column).is_not_null()) for frame in (a, b))
+    if measure.only:
+        a, b = a.filter(measure.only), b.filter(measure.only)
+    if not repeated:
+        a, b = (x.join(y, on="problem", how="semi").sort("problem") for x, y in ((a, b), (b, a)))
+    return None if a.is_empty() or b.is_empty() else (a, b, repeated)
 
 
 def _spread(column: str, measure: Field, rows: pl.DataFrame) -> float:
@@ -259,10 +326,10 @@ def _values(measure: Field, x: Array, y: Array, pairs: int, noise: float, machin
     base = Difference("", "", measure.words, measure.unit, a, b, 0.0, pairs=pairs, noise=100.0 * noise, machine=machine)
     if pairs and (x > 0).all() and (y > 0).all():
         ratio, low, high = ratio_interval(y, x)
-        p = 1.0 if np.array_equal(x, y) else signed_rank(y / machine, x)
+        p = 1.0 if np.array_equal(x, y) else signed_rank(y, x)
         return replace(base, change=_percent(ratio), low=_percent(low), high=_percent(high), p=p), False
     ratio = b / a if a else math.nan
-    apart = float(y.min()) > machine * float(x.max()) or float(y.max()) < machine * float(x.min())
+    apart = float(y.min()) > float(x.max()) or float(y.max()) < float(x.min())
     return replace(base, change=_percent(ratio)), apart and len(x) > 1 and len(y) > 1
 
 
@@ -280,15 +347,12 @@ def _percent(ratio: float) -> float:
 
 def _judged(d: Difference, measure: Field, p: float, apart: bool) -> Difference:
     """Return the verdict: a difference must be significant in its test and exceed the spread of repeated rounds."""
-    change = d.change if d.machine == 1.0 else _percent((1.0 + d.change / 100.0) / d.machine)
-    loss = change if measure.better == "less" else -change
-    shown = apart if math.isnan(p) else p < FALSE_ALARMS
-    if d.machine != 1.0 and (change * d.change <= 0.0 or abs(d.change) <= d.noise):
-        shown = False  # load slows long work more than short: what only its reference shows is the machine
-    if shown and abs(change) > d.noise and change != 0.0:
+    loss = d.change if measure.better == "less" else -d.change
+    verdict = NOISE_VERDICT
+    if (apart if math.isnan(p) else p < FALSE_ALARMS) and abs(d.change) > d.noise:
         verdict = WORSE_VERDICT if loss > 0 else BETTER_VERDICT
-    else:
-        verdict = MACHINE_VERDICT if d.machine != 1.0 and abs(d.change) > max(d.noise, abs(change)) else NOISE_VERDICT
+        if not abs(d.machine - 1.0) <= SAME_SPEED:  # nor where it is not known
+            verdict = MACHINE_VERDICT
     return replace(d, p=p, loss=loss, verdict=verdict)
 
 

@@ -17,9 +17,10 @@ from typer.testing import CliRunner
 from benchmarks.blocks.base import Field, load_kind
 from benchmarks.blocks.block import hash_problems
 from benchmarks.cli.app import app
-from benchmarks.records import RunFolder
+from benchmarks.records import RunFolder, update_manifest
 from benchmarks.report.base import Run
-from benchmarks.report.compare import Difference, compare_runs
+from benchmarks.report.compare import Difference, compare_runs, is_settled
+from benchmarks.run.against import process_folders
 from optik.errors import InvalidInput
 from tests.oracles import REPOSITORY
 
@@ -210,15 +211,22 @@ def test_the_content_of_a_robot_s_file_counts_and_not_its_name(tmp_path: Path) -
     [
         (1.4, 1.4, "the machine"),
         (1.2, 1.0, "worse"),
-        (0.84, 0.7, "within noise"),
-        (1.2 * 1.4, 1.4, "worse"),
+        (1.2, 1.04, "worse"),
+        (1.2, 1.06, "the machine"),
+        (0.84, 0.7, "the machine"),
         (1.0, 1.4, "within noise"),
-        (0.5, 1.4, "better"),
+        (0.5, 0.97, "better"),
+        (0.5, None, "the machine"),
         (1.04, 1.04, "within noise"),
     ],
 )
-def test_a_change_of_time_that_the_reference_explains_is_the_machine(
-    copied: RunFolder, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, factor: float, machine: float, verdict: str
+def test_a_time_is_judged_only_where_the_reference_took_the_same_time(
+    copied: RunFolder,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    factor: float,
+    machine: float | None,
+    verdict: str,
 ) -> None:
     kind = type(load_kind("budgets"))
     monkeypatch.setattr(kind, "compared", {"position_error": TIME})
@@ -227,14 +235,68 @@ def test_a_change_of_time_that_the_reference_explains_is_the_machine(
     def noisy(rows: pl.DataFrame) -> pl.DataFrame:
         return rows.with_columns(position_error=pl.col("position_error") * factor * (1.0 + noise[: rows.height]))
 
-    changed = other(copied, tmp_path / "changed", "misprint--01*", noisy if factor != 1.04 else slower(1.0))
+    changed = other(copied, tmp_path / "changed", "misprint--01*", noisy)
     for run, by in ((copied, 1.0), (changed, machine)):
         times = [dict.fromkeys(("short", "short_cpu", "middle", "middle_cpu", "long", "long_cpu"), by)] * 3
-        run.write_json("run.json", run.manifest() | {"reference": {"rows/budgets/misprint.parquet": times}})
+        if by is not None:
+            run.write_json("run.json", run.manifest() | {"reference": {"rows/budgets/misprint.parquet": times}})
     found = compare_runs(Run(copied), Run(changed))
     d = of(found.differences, "misprint", "corrected", "time")
     assert d.verdict == verdict
     assert bool([one for one in found.worse_than(5.0) if one.label == "corrected"]) == (verdict == "worse")
+
+
+def with_processes(run: RunFolder, token: str, factors: list[float]) -> None:
+    """Add processes to a run, whose times are those of its rows by some factors."""
+    update_manifest(run, alternated=token)
+    kind, block = next((kind, block) for kind, block in Run(run).suite.pairs() if block.id == "misprint")
+    tables = [f"rows/budgets/{file.name}" for file in (run.path / "rows/budgets").glob("misprint--*")]
+    for at, factor in zip(process_folders(run, kind, block), factors, strict=False):
+        at.mkdir(parents=True)
+        RunFolder(at).write("problems/misprint.parquet", pl.read_parquet(run.path / "problems/misprint.parquet"))
+        for name in tables:
+            rows = pl.read_parquet(run.path / name)
+            RunFolder(at).write(name, rows.with_columns(position_error=pl.col("position_error") * factor))
+
+
+SPREAD = [1.0, 1.01, 0.99, 1.005, 0.995, 1.0, 1.3]
+"""Factors of the times of the second interpreter: one process was disturbed."""
+
+
+@pytest.mark.parametrize(
+    ("by", "verdict"),
+    [(1.0, "within noise"), (1.03, "within noise"), (1.08, "worse"), (0.9, "within noise"), (0.7, "better")],
+)
+def test_alternate_processes_are_judged_by_the_interval_of_the_median_ratio(
+    copied: RunFolder, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, by: float, verdict: str
+) -> None:
+    kind = type(load_kind("budgets"))
+    monkeypatch.setattr(kind, "compared", {"position_error": TIME})
+    second = RunFolder(Path(shutil.copytree(copied.path, tmp_path / "second")))
+    with_processes(copied, "one", [1.0, 1.2, 1.0, 2.0, 1.0, 1.0, 1.0])
+    with_processes(
+        second, "one", [by * x * y for x, y in zip(SPREAD, [1.0, 1.2, 1.0, 2.0, 1.0, 1.0, 1.0], strict=True)]
+    )
+    d = of(compare_runs(Run(copied), Run(second)).differences, "misprint", "corrected", "time")
+    assert (d.verdict, d.pairs) == (verdict, 7)
+    # of seven sorted values, the median's 95 % interval is from the first to the last: 1 - 2/2^7 = 0.984
+    assert (d.low, d.change, d.high) == pytest.approx(tuple(100.0 * (by * x - 1.0) for x in (0.99, 1.0, 1.3)))
+    update_manifest(second, alternated="another")
+    assert of(compare_runs(Run(copied), Run(second)).differences, "misprint", "corrected", "time").pairs != 7
+
+
+def test_a_block_is_settled_when_its_interval_is_narrow(
+    copied: RunFolder, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kind = load_kind("budgets")
+    monkeypatch.setattr(type(kind), "compared", {"position_error": TIME})
+    block = next(block for _, block in Run(copied).suite.pairs() if block.id == "misprint")
+    second = RunFolder(Path(shutil.copytree(copied.path, tmp_path / "second")))
+    for name, factors, settled in (("few", SPREAD[:5], False), ("wide", SPREAD, False), ("narrow", SPREAD[:6], True)):
+        for run, some in ((copied, [1.0] * len(factors)), (second, factors)):
+            shutil.rmtree(run.path / "processes", ignore_errors=True)
+            with_processes(run, name, some)
+        assert is_settled(kind, block, copied, second) == settled
 
 
 def test_runs_with_nothing_in_common_are_refused(small_run: RunFolder, copied: RunFolder, tmp_path: Path) -> None:

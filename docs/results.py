@@ -1,0 +1,422 @@
+"""The published results: ``make results`` runs every part that is not finished and writes benchmarks/results anew.
+
+``python -m docs.results --page`` only writes the tables and plots of benchmarks/results/README.md and the table of README.md,
+from the CSV files that are there. ``numbers.csv`` has the source of each number of both tables.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from html import escape
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from benchmarks.provenance import provenance
+
+ROOT = Path(__file__).resolve().parents[1]
+RESULTS = ROOT / "benchmarks/results"
+PAGE, README = RESULTS / "README.md", ROOT / "README.md"
+OURS = {"lm", "optimal", "optik", "stream", "stream, nearest", "closed_form", "sqp", "ipopt"}
+"""Labels that are no peers."""
+BRANCHES, BATCH = "branches/tables/branches.csv", "branches/tables/batch.csv"
+REGULAR, TORQUE = "timing/tables/timing-lines-regular.csv", "torque/tables/timing-torque-joints.csv"
+PANDA = "chunks/tables/chunks-panda.csv"
+OBSTACLES = {
+    "obstacles: MotionBenchMaker's Panda on VAMP's spheres": "vamp",
+    "obstacles: the same after cuRobo's rules": "curobo",
+    "worlds of provably safe planners (ARMOUR, SPARROWS)": "worlds",
+}
+"""Files of several rows and plots; those in `obstacles` are measured by scripts that need the data of others."""
+ENOUGH = 99.0
+"""Least success rate [%] of the best peer of IK, if any has it: then the fastest one is the best."""
+
+# ---------------------------------------------------------------- measurements
+
+
+class Part(NamedTuple):
+    """A part of the results: its folder, a suite, and a file without which it is not run."""
+
+    name: str
+    suite: str
+    needs: str = ""
+
+
+PARTS = (
+    Part("ik-speed", "ik-speed"),
+    Part("seven", str(RESULTS / "seven.toml")),
+    Part("timing", "timing"),
+    Part("torque", str(RESULTS / "torque.toml")),
+    Part("seams", "seams"),
+    Part("chunks", "chunks"),
+    Part("motionbench", "motionbench", "panda.tar.bz2"),
+)
+"""Suites, from the shortest doubt to the longest; `branches` is measured here."""
+
+
+def run_parts(out: Path) -> None:
+    """Run the parts that are not finished; a part without its data is left out, and says so."""
+    for part in PARTS:
+        if part.needs and not Path(part.needs).exists():
+            print(f"not run: {part.name}, which needs {part.needs} in the working folder")
+            continue
+        bench = [sys.executable, "-P", "-m", "benchmarks.cli", "bench"]
+        env = os.environ | {"PYTHONPATH": str(ROOT)}
+        for words in (
+            ["run", part.suite, "--out", str(out / part.name)],
+            ["report", str(out / part.name), "--format", "csv"],
+        ):
+            if subprocess.run([*bench, *words], env=env, check=False).returncode not in (0, 1):
+                sys.exit(f"{part.name}: stopped; repeat the command to resume")
+        publish(out / part.name, part.name)
+    if not (out / "branches").exists():
+        measure_branches(out / "branches.part")
+        (out / "branches.part").rename(out / "branches")
+    publish(out / "branches", "branches")
+
+
+def publish(run: Path, name: str) -> None:
+    """Copy the manifest and the tables of a run."""
+    shutil.rmtree(RESULTS / name / "tables", ignore_errors=True)
+    shutil.copytree(run / "tables", RESULTS / name / "tables")
+    shutil.copy(run / "run.json", RESULTS / name / "run.json")
+
+
+def measure_branches(out: Path, count: int = 1000) -> None:
+    """Time all branches of random poses of the paper6r, filtered by the limits, and batches on all cores."""
+    import optik
+    from benchmarks.peers.ik.eaik import EAIK
+    from benchmarks.peers.ik.ssik import SSIK, _module  # the generated module, without a limit on the solutions
+    from benchmarks.problems.random_reachable import METHOD as RandomReachable
+    from optik.ik import make_solver
+
+    robot, cores = optik.load("paper6r"), len(os.sched_getaffinity(0))
+    targets = RandomReachable(robot, 2026, count=10_000).targets
+    low, high = robot.limits.lower, robot.limits.upper
+    eaik, ssik = EAIK(robot), _module(SSIK(robot).arm).solve
+    closed, lm = make_solver(robot, "closed_form"), make_solver(robot, "lm")
+
+    def keep(q: np.ndarray) -> np.ndarray:
+        q = np.remainder(np.asarray(q).reshape(-1, robot.n) + np.pi, 2.0 * np.pi) - np.pi
+        return q[((q >= low) & (q <= high)).all(axis=1)]
+
+    def of_eaik(target: np.ndarray) -> np.ndarray:
+        found = eaik.call(target)
+        return keep(found.Q[~np.asarray(found.is_LS)] if len(found.Q) else np.empty((0, robot.n)))
+
+    ways: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+        "closed_form": lambda target: closed.branches(target).q,
+        "EAIK": of_eaik,
+        "ssik": lambda target: np.array([one.q for one in ssik(target)]).reshape(-1, robot.n),
+    }
+    rows, taken = [], {label: np.empty((3, count)) for label in ways}
+    answers: dict[str, list[np.ndarray]] = {}
+    for turn in range(3):
+        for label, call in ways.items():
+            call(targets[0])
+            answers[label] = []
+            for k, target in enumerate(targets[:count]):
+                begin = time.perf_counter()
+                q = call(target)
+                taken[label][turn, k] = time.perf_counter() - begin
+                answers[label].append(q)
+    for label, found in answers.items():
+        good = [int((np.abs(robot.pose_errors(q, T)).max(axis=1) < 1e-6).sum()) if len(q) else 0
+                for q, T in zip(found, targets, strict=False)]  # fmt: skip
+        median = 1e6 * float(np.median(np.median(taken[label], axis=0)))
+        rows.append({"label": label, "count": count, "branches": sum(good), "median [µs]": median})
+    start = np.tile(robot.limits.clip(np.full(robot.n, 0.1)), (len(targets), 1))
+    batches = []
+    for size in (1, 100, 10_000):
+        for label, solve in {
+            "lm": lambda size=size: lm.solve_batch(targets[:size], start[:size], threads=cores),
+            "EAIK": lambda size=size: [keep(one.Q) for one in eaik.arm.IK_batched(targets[:size], cores) if len(one.Q)],
+        }.items():
+            solve()
+            seconds = []
+            for _ in range(10):  # the first one starts the threads
+                begin = time.perf_counter()
+                solve()
+                seconds.append(time.perf_counter() - begin)
+            batches.append(
+                {
+                    "label": label,
+                    "targets": size,
+                    "cores": cores,
+                    "per target [µs]": 1e6 * min(seconds[1:]) / size,
+                }
+            )
+    write_table(out / "tables/branches.csv", rows)
+    write_table(out / "tables/batch.csv", batches)
+    (out / "run.json").write_text(json.dumps({"suite": "branches", "provenance": provenance(2026, 1)}, indent=1))
+
+
+def write_table(file: Path, rows: list[dict]) -> None:
+    """Write a CSV file."""
+    file.parent.mkdir(parents=True, exist_ok=True)
+    with file.open("w", encoding="utf-8", newline="") as out:
+        writer = csv.DictWriter(out, list(rows[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+# ---------------------------------------------------------------- the table
+
+
+class Number(NamedTuple):
+    """A number of the table: its text, and where it is from: file, condition on the row, and column."""
+
+    text: str
+    file: str
+    where: str
+    column: str
+    value: float
+
+
+class Line(NamedTuple):
+    """A row of the table; without numbers it was not run."""
+
+    what: str
+    unit: str = ""
+    ours: tuple[Number, ...] = ()
+    peer: str = ""
+    theirs: tuple[Number, ...] = ()
+    problems: str = ""
+    section: str = ""
+
+
+def read_table(file: str) -> list[dict[str, str]]:
+    """Read a CSV file of the results; empty where it is missing."""
+    path = RESULTS / file
+    return list(csv.DictReader(path.read_text(encoding="utf-8").splitlines())) if path.is_file() else []
+
+
+def show(value: float) -> str:
+    """Return a number with three digits, and a number near 1 or 100 with what differs from it."""
+    if 0.99 < value < 1.01 and value != 1.0:
+        return f"{value:.4f}"
+    if 99.0 < value < 100.0:
+        return f"{value:.4g}" if value < 99.99 else f"{value:.6g}"
+    if value >= 100.0 or value == int(value):
+        return f"{float(f'{value:.3g}'):,.0f}"
+    return f"{value:.3g}" if value >= 0.1 else f"{value:.2g}"
+
+
+def number(file: str, column: str, **where: str) -> Number | None:
+    """Return a number of a table: of the row whose columns have some values."""
+    for row in read_table(file):
+        if all(row[key] == value for key, value in where.items()) and row[column] not in ("", "NaN"):
+            value = float(row[column])
+            return Number(show(value), file, "; ".join(f"{k}={v}" for k, v in where.items()), column, value)
+    return None
+
+
+def some(*found: Number | None) -> tuple[Number, ...]:
+    """Return the numbers, or none if one is missing."""
+    return tuple(one for one in found if one) if all(found) else ()
+
+
+def best_of(file: str, column: str, rate: str = "") -> str:
+    """Return the label of the peer with the least value, among those with enough success; else the most successful one."""
+    rows = [row for row in read_table(file) if row["label"] not in OURS and row[column] not in ("", "NaN", "inf")]
+    if rate and rows:
+        most = max(float(row[rate]) for row in rows)
+        rows = [row for row in rows if float(row[rate]) >= min(ENOUGH, most)]
+    return min(rows, key=lambda row: float(row[column]))["label"] if rows else ""
+
+
+def ik_line(what: str, six: str, seven: str) -> Line:
+    """Return a row of single calls: arms with six and with seven joints."""
+    ours, theirs, peers, counts = [], [], [], []
+    for file in (six, seven):
+        peer = best_of(file, "median [µs]", "solved [%]")
+        rows = {row["label"]: row for row in read_table(file)}
+        if peer:
+            ours.append(some(*(number(file, key, label="lm") for key in ("solved [%]", "median [µs]"))))
+            theirs.append(some(*(number(file, key, label=peer) for key in ("solved [%]", "median [µs]"))))
+            peers.append(peer)
+            counts.append(f"{int(rows[peer]['count']):,}")
+    return Line(
+        what, "%, µs", sum(ours, ()), " / ".join(peers), sum(theirs, ()), " / ".join(counts), "inverse-kinematics"
+    )
+
+
+def lines() -> list[Line]:
+    """Return the rows of the table."""
+    ik = "ik-speed/tables/calls-"
+    peer, keys, sizes = best_of(BRANCHES, "median [µs]"), ("branches", "median [µs]"), ("1", "10000")
+    of_all = [some(*(number(BRANCHES, k, label=one) for k in keys)) for one in ("closed_form", peer)]
+    batches = [some(*(number(BATCH, "per target [µs]", label=one, targets=n) for n in sizes)) for one in ("lm", "EAIK")]
+    return [
+        ik_line("IK, initial guess near the solution", f"{ik}warm.csv", "seven/tables/calls-warm.csv"),
+        ik_line("IK, far initial guess", f"{ik}cold.csv", f"{ik}panda-cold.csv"),
+        ik_line("IK, singular or at joint limits", f"{ik}hard-cold.csv", "seven/tables/calls-hard.csv"),
+        Line("all branches of 1,000 poses", "branches, µs a pose", of_all[0], peer, of_all[1], "1,000", "all-branches"),
+        Line("batch on all cores, 1 / 10,000 targets", "µs a target", batches[0], "EAIK, all branches", batches[1],
+             "1 / 10,000", "batches"),
+        law_line("time laws on lines", REGULAR, "time-laws"),
+        law_line("time laws within torque limits", TORQUE, "torque"),
+        *(obstacle_line(what, f"obstacles/{name}.csv") for what, name in OBSTACLES.items()),
+        seam_line(),
+        stream_line(),
+    ]  # fmt: skip
+
+
+def law_line(what: str, file: str, section: str) -> Line:
+    """Return a row of time laws: stretched to meet all limits, and their computing times."""
+    peer = best_of(file, "slowed_down")
+    both = [some(*(number(file, k, label=one) for k in ("slowed_down", "ms [ms]"))) for one in ("optimal", peer)]
+    count = next((row["count"] for row in read_table(file) if row["label"] == peer), "0")
+    return Line(what, "× shortest known, ms", both[0], peer, both[1], f"{int(count):,}", section)
+
+
+OBSTACLE_KEYS = ("valid", "cpu_ms", "duration_s")
+"""Columns of an obstacle file that the table shows: valid motions [%], median CPU time [ms], median duration [s]."""
+
+
+def obstacle_line(what: str, file: str) -> Line:
+    """Return a row on obstacles; the best peer has most valid motions, then the shortest."""
+    rows = {row["name"]: row for row in read_table(file)}
+    peers = [row for name, row in rows.items() if name not in OURS and row["valid"]]
+    peer = (
+        max(peers, key=lambda row: (float(row["valid"]), -float(row["duration_s"] or "inf")))["name"] if peers else ""
+    )
+    ours, theirs = (some(*(number(file, key, name=name) for key in OBSTACLE_KEYS)) for name in ("optik", peer))
+    problems = " / ".join(f"{int(rows[name]['problems']):,}" for name in ("optik", peer) if name in rows)
+    return Line(what, "% valid, ms, s", ours, peer, theirs, problems, "obstacles")
+
+
+def seam_line() -> Line:
+    """Return the row on seams, beside the same seams followed one way."""
+    tables = sorted((RESULTS / "seams/tables").glob("seams-*.csv")) if (RESULTS / "seams/tables").exists() else []
+    for file in (f"seams/tables/{one.name}" for one in tables):
+        rows = {row["label"]: row for row in read_table(file) if "label" in row}
+        if {"whole path, free", "one way"} <= set(rows):
+            ours, theirs = (some(number(file, "certified [%]", label=one)) for one in ("whole path, free", "one way"))
+            return Line("seams among boxes", "% certified", ours, "one way, as a servo loop", theirs,
+                        rows["one way"]["problems"], "seams")  # fmt: skip
+    return Line("seams among boxes", section="seams")
+
+
+def stream_line() -> Line:
+    """Return the row on streams: set-points outside the limits, lag and distance of the best rule within them."""
+    ours, theirs, peers, count = [], [], [], 0
+    for name in ("panda", "ur3e"):
+        file = f"chunks/tables/chunks-{name}.csv"
+        inside = [row for row in read_table(file) if row["label"] not in OURS and int(row["outside"]) == 0]
+        if inside:
+            peers.append(min(inside, key=lambda row: float(row["distance [mrad]"]))["label"])
+            ours.append(some(*(number(file, key, label="stream") for key in ("outside", "distance [mrad]"))))
+            theirs.append(some(*(number(file, key, label=peers[-1]) for key in ("outside", "distance [mrad]"))))
+            count += int(inside[0]["setpoints"])
+    return Line("streams of a policy, panda / ur3e", "set-points outside limits, mrad", sum(ours, ()),
+                " / ".join(dict.fromkeys(peers)), sum(theirs, ()), f"{count:,} set-points", "streams")  # fmt: skip
+
+
+def cells(line: Line) -> list[str]:
+    """Return the cells of a row: what, ours, best peer, ratio, problems."""
+    if not line.ours or not line.theirs:
+        return [
+            line.what,
+            f"{' · '.join(one.text for one in line.ours)} {line.unit}" if line.ours else "not run",
+            "not run",
+            "–",
+            "–",
+        ]
+    step = len(line.unit.split(", ")) if len(line.ours) > 1 else 1
+    ours, theirs = (" / ".join(" · ".join(one.text for one in side[k : k + step]) for k in range(0, len(side), step))
+                    for side in (line.ours, line.theirs))  # fmt: skip
+    ratios = [show(b.value / a.value) if a.value else "–" for a, b in zip(line.ours, line.theirs, strict=True)][
+        step - 1 :: step
+    ]
+    return [
+        f"{line.what} [{line.unit.replace(', ', ' · ')}]",
+        f"**{ours}**",
+        f"{line.peer}: {theirs}",
+        " / ".join(ratios),
+        line.problems,
+    ]
+
+
+def draw_tables() -> tuple[str, str]:
+    """Return the table of the results and the shorter one of README."""
+    long = ["| | optik | best peer | peer / optik | problems | section |", "|---|---|---|---|---|---|"]
+    short = ["| | optik | best peer | peer / optik |", "|---|---|---|---|"]
+    for line in lines():
+        row = cells(line)
+        long.append("| " + " | ".join([*row, f"[{line.section}](#{line.section})"]) + " |")
+        if line.ours and line.theirs:
+            short.append("| " + " | ".join(row[:4]) + " |")
+    return "\n".join(long), "\n".join(short)
+
+
+def draw_plot(title: str, bars: list[tuple[str, float]]) -> str:
+    """Return bars on a logarithmic axis as SVG: the least value is the best."""
+    values = [value for _, value in bars if value > 0.0]
+    low = 10.0 ** np.floor(np.log10(min(values)) - 0.2)
+    span = np.log10(max(values) * 1.2 / low)
+    rows = [f'<text x="8" y="22" font-weight="bold">{escape(title)}</text>']
+    for k, (label, value) in enumerate(bars):
+        y, width = 44 + 26 * k, 360.0 * max(np.log10(max(value, low) / low) / span, 0.005)
+        colour = "#1f5fa8" if label in OURS else "#9aa5b1"
+        rows.append(f'<text x="200" y="{y + 13}" text-anchor="end">{escape(label)}</text>')
+        rows.append(f'<rect x="208" y="{y}" width="{width:.1f}" height="18" fill="{colour}"/>')
+        rows.append(f'<text x="{214 + width:.1f}" y="{y + 13}">{show(value)}</text>')
+    height = 52 + 26 * len(bars)
+    head = (
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 660 {height}" font-family="sans-serif" font-size="13">'
+    )
+    return "\n".join([head, '<rect width="100%" height="100%" fill="white"/>', *rows, "</svg>", ""])
+
+
+PLOTS = {
+    "branches.svg": ("All branches inside the limits: median time [µs]", BRANCHES, "label", "median [µs]"),
+    "batch.svg": ("10,000 targets on all cores: time per target [µs]", BATCH, "label", "per target [µs]"),
+    "torque.svg": ("Within torque limits: duration / shortest known", TORQUE, "label", "slowed_down"),
+    "chunks.svg": ("Panda: largest acceleration / limit", PANDA, "label", "acceleration"),
+    "obstacles.svg": ("VAMP's set: median duration [s]", "obstacles/vamp.csv", "name", "duration_s"),
+}
+"""Plots of the sections: title, file, and columns of the label and the value."""
+
+
+def write_pages() -> None:
+    """Write the tables, the plots and the sources of all numbers."""
+    for page, table in zip((PAGE, README), draw_tables(), strict=True):
+        page.write_text(fill(page.read_text(encoding="utf-8"), table), encoding="utf-8")
+    (RESULTS / "plots").mkdir(exist_ok=True)
+    for name, (title, file, label, value) in PLOTS.items():
+        rows = [row for row in read_table(file) if row.get("targets", "10000") == "10000"]
+        bars = [(row[label], float(row[value])) for row in rows if row[value] not in ("", "NaN", "inf")]
+        if bars:
+            (RESULTS / "plots" / name).write_text(draw_plot(title, bars), encoding="utf-8")
+    write_table(RESULTS / "numbers.csv", [
+        {"row": line.what, "side": side, "text": one.text, "file": one.file, "where": one.where, "column": one.column}
+        for line in lines()
+        for side, of in (("ours", line.ours), ("peer", line.theirs))
+        for one in of
+    ])  # fmt: skip
+
+
+def fill(text: str, table: str) -> str:
+    """Return a page with the table between its marks."""
+    return re.sub(r"(<!-- results -->\n).*?(?=<!-- end -->)", lambda found: f"{found[1]}{table}\n", text, flags=re.S)
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(prog="python -m docs.results", description=__doc__)
+    parser.add_argument("--out", type=Path, default=ROOT / ".results", help="folder of the runs (default %(default)s)")
+    parser.add_argument("--page", action="store_true", help="only write the pages")
+    given = parser.parse_args()
+    if not given.page:
+        run_parts(given.out)
+    write_pages()
