@@ -111,7 +111,7 @@ def follow_curobo(robot: Robot, problem: MotionProblem) -> MotionProblem:
     cylinders = tuple((a, b, CUROBO_RADII.get(round(float(radius), 6), radius)) for a, b, radius in scene.cylinders)
     names = (*scene.names[:before], "stand", *scene.names[before:])
     boxes = (*scene.boxes, (at, np.array(STAND[1])))  # the base touches it, and neither moves
-    scene = replace(scene, boxes=boxes, cylinders=cylinders, names=names, excess=0.0)
+    scene = replace(scene, boxes=boxes, cylinders=cylinders, names=names, excess=np.zeros(len(names)))
     return MotionProblem(scene, np.array(CUROBO_START), robot.fk(problem.goal))
 
 
