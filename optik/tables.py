@@ -116,7 +116,7 @@ class TextTable(NamedTuple):
         """Return an error about the columns."""
         names = names or list(self.columns)
         advice = NO_HEADER if any(isfinite(read_cell(name)) for name in names) else advice
-        return InvalidInput(self.locate(), repr(",".join(names))[:48], expected, advice=advice)
+        return InvalidInput(self.locate(), repr(",".join(names))[:40], expected, advice=advice)
 
     def select_rows(self, rows: Iterable[int]) -> TextTable:
         """Return some rows."""

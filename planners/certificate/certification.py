@@ -289,12 +289,8 @@ def certify(
         An invalid argument, inconsistent arguments, an unknown limit in ``enforced``, or an arm without shapes.
     """
     if path is not None and not isinstance(path, Path):
-        check_kind(
-            path,
-            "path",
-            Sequence | np.ndarray,
-            "a Path, poses (k, 4, 4), or None: certify(robot, None, trajectory, limits)",
-        )
+        expected = "a Path, poses (k, 4, 4), or None: certify(robot, None, trajectory, limits)"
+        check_kind(path, "path", Sequence | np.ndarray, expected)
         waypoints = check_waypoints(path, "path")
         options: dict[str, Any] = {"law": law, "enforced": enforced, "rate": rate, "scene": scene, "before": before}
         proof = certify(robot, None, trajectory, limits, **options)

@@ -79,8 +79,8 @@ def read_joint_waypoints(robot: Robot, table: TextTable, unit: str | None) -> li
     """Return the rows of a table, of which the first is a configuration; see `PointToPoint.from_csv`."""
     in_units = [f"q{i + 1}_{'mm' if slides else 'deg'}" for i, slides in enumerate(robot.prismatic)]
     accepted = (
-        f"a header with {in_units[0]},…,{in_units[-1]} (or q1,… [rad, m]), and perhaps x_mm,y_mm,z_mm with an orientation or "
-        f"{','.join(TOLERANCE_COLUMNS)}"
+        f"a header with {in_units[0]},…,{in_units[-1]} (or q1,… [rad, m]) for {robot.name}, and perhaps x_mm,y_mm,z_mm with an "
+        f"orientation or {','.join(TOLERANCE_COLUMNS)}"
     )
     joints = {f"q{i + 1}": "m" if slides else "rad" for i, slides in enumerate(robot.prismatic)}
     table, turned = _resolve(table, joints | dict.fromkeys(TOLERANCE_COLUMNS, ""), unit, accepted)

@@ -188,13 +188,13 @@ def load_chunks(
         Missing or other columns, cells that are not numbers, a chunk with fewer than two targets.
     """
     joints = {f"q{i + 1}": "m" if slides else "rad" for i, slides in enumerate(robot.prismatic)}
-    expected = f"columns observed,index,q1,…,q{robot.n} (or q1_deg,… or the joints' names)"
+    expected = f"columns observed,index,q1,…,q{robot.n} (or q1_deg,… or joint names)"
     table = read_table(file, columns, ignore)
     names = dict(zip(robot.joint_names, joints, strict=True))
     table = table._replace(columns={names.get(name, name): column for name, column in table.columns.items()})
     table = table.resolve(joints | {"observed": "s", "index": ""})
     if not {"observed", "index", *joints} <= {*table.columns}:
-        advice = f"robot= names another arm than {robot.name}, columns= names the columns"
+        advice = f"of another arm than {robot.name}: robot=; other names: columns="
         raise table.make_header_error(expected, advice)
     table.refuse_others(["observed", "index", *joints], expected)
     observed, index = table.read_numbers(["observed"])[:, 0], table.read_numbers(["index"])[:, 0]

@@ -191,7 +191,7 @@ def test_misuse_of_freedoms_names_what_is_allowed(typed: Any, arguments: tuple[s
 @pytest.mark.parametrize(
     ("text", "options", "status", "words"),
     [
-        ("x_mm,y_mm,z_mm\n1,2,3\n4,5,6\n", (), 2, f"names {JOINTS} "),
+        ("x_mm,y_mm,z_mm\n1,2,3\n4,5,6\n", (), 2, "q1_deg,…,q6_deg (or q1,…"),
         (CYCLE + GOAL, ("--robot", "panda"), 2, "q7_deg (or q1,… [rad, m]) for panda"),
         (CYCLE, (), 2, "expected the goal, without a tolerance"),
         (CYCLE + GOAL, START, 2, "the first row of --waypoints is the start"),

@@ -118,7 +118,7 @@ def test_an_error_names_the_option_as_typed_in_one_line(option: str, words: str,
             "stream degrees.csv --jerk 5",
             "degrees.csv, line 1: expected angles [rad]; got q up to 90; are these degrees?",
         ),
-        ("stream foreign.csv --ignore joint1", "--robot names another arm than paper6r, --columns names the columns"),
+        ("stream foreign.csv --ignore joint1", "; of another arm than paper6r: --robot; other names: --columns"),
         (
             "plan program avoid.toml",
             "part 1: scene: expected a Scene with the obstacles to avoid; got None; pass --scene",

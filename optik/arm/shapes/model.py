@@ -115,7 +115,8 @@ class Shapes(ByContent):
         """Describe the links whose shapes could not be read, with advice."""
         (link, reason), *others = dict(self.unread).items()
         more = f" and {len(others)} more" if others else ""
-        advice = f"; or without_shape={tuple(dict(self.unread)) if len(others) < 2 else ''}"
+        advice = f"; or without_shape={tuple(dict(self.unread))}" if len(others) < 2 else ""
+        advice = advice if advice or "=" in reason else "; or without_shape="
         return f"no scene: the shapes of link {link!r}{more} are not read: {reason}{advice}"
 
     def describe_excess(self) -> str:
