@@ -15,7 +15,7 @@ import numpy as np
 import polars as pl
 
 from benchmarks.blocks.base import NUMBER, TEXT, WHOLE, Field, Kind, Session, Shard, fields_of
-from benchmarks.blocks.block import Column, Target
+from benchmarks.blocks.block import Column, Target, median_with_range
 from benchmarks.blocks.contest import fresh
 from benchmarks.blocks.entries import ProblemBlock, check_set, judge_configurations
 from benchmarks.problems.base import SETS
@@ -43,7 +43,9 @@ def solved_rate(rows: pl.DataFrame) -> float:
 MEASURES = (
     Column("success", "solved", "%", show="exact",
            of=lambda rows: 100.0 * (rows["solved"].to_numpy() / rows["count"].to_numpy()).min()),
-    Column("million_per_second", "solved per second", "million", of=solved_rate),
+    Column("million_per_second", "solved per second", "million", "more", of=solved_rate),
+    Column("seconds", "median time", "s", "less", of=median_with_range("seconds")),
+    Column("count", "problems", show="count", of=lambda rows: int(rows["count"][0])),
 )  # fmt: skip
 """Measures that a target of a batch can name, on the rows with its largest number of threads."""
 

@@ -11,13 +11,13 @@ import polars as pl
 from scipy.interpolate import CubicSpline
 
 from benchmarks.blocks.base import NUMBER, TEXT, WHOLE, Field, Kind, Session, Trials, fields_of
-from benchmarks.blocks.block import Block, Column, Entry, count, largest, median
+from benchmarks.blocks.block import Block, Column, Entry, largest, median
 from benchmarks.blocks.timing.settings import LimitSet
 from benchmarks.settings import LISTED, Count, RobotName, key, numbered, one_of
 from optik.arm.library import load
 from optik.arm.robot import Robot
 from optik.types import Array
-from planners.limits import MotionLimits
+from planners.limits import DERIVATIVES, MotionLimits
 from planners.streams.chunk import Chunk
 from planners.streams.stream import Setpoint, stream
 
@@ -114,16 +114,14 @@ def follow_by_rule(rule: str, policy: Policy, robot: Robot, limits: MotionLimits
             q[here] = points[due]
         elif rule == LINEAR:
             q[here] = np.stack([np.interp(t[here], times, joint) for joint in points.T], axis=1)
-        elif rule == SPLINE:
-            later = times > t[here[0]] + 1e-3
-            if later.any():
-                knots, through = np.r_[t[here[0]], times[later]], np.vstack([state[:1], points[later]])
-                curve = CubicSpline(knots, through, bc_type=((1, state[1]), (1, np.zeros(robot.n))))
-                at = np.minimum(np.r_[t[here], end], knots[-1])
-                q[here], state = curve(at)[:-1], np.stack([curve(at[-1], order) for order in range(3)])
-        else:
+        elif rule == CHASE:
             for part in np.split(here, np.flatnonzero(np.diff(due)) + 1):
                 q[part], state = _chase(state, points[due[part[0] - here[0]]], limits.bounds(robot.n), len(part))
+        elif (later := times > t[here[0]] + 1e-3).any():
+            knots, through = np.r_[t[here[0]], times[later]], np.vstack([state[:1], points[later]])
+            curve = CubicSpline(knots, through, bc_type=((1, state[1]), (1, np.zeros(robot.n))))
+            at = np.minimum(np.r_[t[here], end], knots[-1])
+            q[here], state = curve(at)[:-1], np.stack([curve(at[-1], order) for order in range(3)])
         state[0] = q[here[-1]] if rule in (HOLD, LINEAR) else state[0]
         q[here[-1] + 1 :] = q[here[-1]]
     if rule == LINEAR:  # what a controller makes of set-points at a lower rate
@@ -140,9 +138,7 @@ def _chase(state: Array, target: Array, bounds: dict[str, Array], ticks: int) ->
     problem, motion = ruckig.InputParameter(n), ruckig.Trajectory(n)
     problem.current_position, problem.current_velocity, problem.current_acceleration = state.tolist()
     problem.target_position = target.tolist()
-    problem.max_velocity, problem.max_acceleration, problem.max_jerk = (
-        bounds[name].tolist() for name in ("velocity", "acceleration", "jerk")
-    )
+    problem.max_velocity, problem.max_acceleration, problem.max_jerk = (bounds[name].tolist() for name in DERIVATIVES)
     ruckig.Ruckig(n).calculate(problem, motion)
     found = np.array([motion.at_time(k / RATE) for k in range(ticks + 1)])
     return found[:-1, 0], found[-1]
@@ -161,11 +157,10 @@ ALIGNED = {OURS: "clock", NEAREST: "nearest"}
 
 def judge_setpoints(q: Array, policy: Policy, robot: Robot, bounds: dict[str, Array], t: Times) -> dict[str, Any]:
     """Return what set-points (k, n) do to an arm, from their differences, and how far they are from what is intended."""
-    names = ("velocity", "acceleration", "jerk")
     padded = np.vstack([np.repeat(q[:1], 3, axis=0), q])  # the arm rests before
     ratios = [
-        (np.abs(np.diff(padded, d, axis=0)[3 - d :]) * RATE**d / bounds[name]).max(axis=1)
-        for d, name in enumerate(names, 1)
+        (np.abs(np.diff(padded, order, axis=0)[3 - order :]) * RATE**order / bounds[name]).max(axis=1)
+        for order, name in enumerate(DERIVATIVES, 1)
     ]
     inside = ((q >= robot.limits.lower - 1e-9) & (q <= robot.limits.upper + 1e-9)).all(axis=1)
     velocity, meant = (np.diff(x, axis=0) * RATE for x in (q, policy.intend(t)))
@@ -173,15 +168,12 @@ def judge_setpoints(q: Array, policy: Policy, robot: Robot, bounds: dict[str, Ar
     edges = np.flatnonzero(np.diff(np.r_[False, rests[BEGIN:], False]))
     late = [np.abs(q[BEGIN::10] - policy.intend(t[BEGIN::10] - lag)).max(axis=1) for lag in LAGS]
     best = int(np.argmin([np.median(one) for one in late]))
-    return {
-        **{name: float(ratio.max()) for name, ratio in zip(names, ratios, strict=True)},
+    return dict(zip(DERIVATIVES, map(float, np.max(ratios, axis=1)), strict=True)) | {
         "outside": int(((np.max(ratios, axis=0) > WITHIN) | ~inside).sum()),
-        "discontinuities": int((ratios[1] > 10.0).sum()),
-        "stops": int((edges[1::2] - edges[::2] >= BRIEF).sum()),
+        "discontinuities": int((ratios[1] > 10.0).sum()), "stops": int((edges[1::2] - edges[::2] >= BRIEF).sum()),
         "reversals": max(0, _reversals(velocity[BEGIN:]) - _reversals(meant[BEGIN:])),
-        "lag": float(LAGS[best]),
-        "distance": float(np.median(late[best])),
-    }
+        "lag": float(LAGS[best]), "distance": float(np.median(late[best])),
+    }  # fmt: skip
 
 
 def _reversals(velocity: Array) -> int:
@@ -193,25 +185,25 @@ def _reversals(velocity: Array) -> int:
 # ---------------------------------------------------------------- the kind
 
 
+def _total(name: str, words: str) -> Column:
+    return Column(
+        name, words, "", "" if name == "setpoints" else "less", "count", of=lambda rows: int(rows[name].sum())
+    )
+
+
 class ChunkBlock(Block):
     """Streams of random policies on one arm, by our stream and by simple rules."""
 
     noun = "block of chunks"
     measures = (
-        Column("setpoints", "set-points", show="count", of=lambda rows: int(rows["setpoints"].sum())),
-        Column("outside", "outside the limits", "", "less", "count", of=lambda rows: int(rows["outside"].sum())),
-        Column("discontinuities", "discontinuities", "", "less", "count",
-               of=lambda rows: int(rows["discontinuities"].sum())),
-        Column("joined", "chunks joined", "%", "more",
-               of=lambda rows: 100.0 * float(rows["joined"].sum()) / float(rows["chunks"].sum())),
-        *(Column(name, f"largest {name} / limit", "", "less", of=largest(name))
-          for name in ("velocity", "acceleration", "jerk")),
-        Column("stops", "stops", "", "less", "count", of=lambda rows: int(rows["stops"].sum())),
-        Column("reversals", "further reversals", "", "less", "count", of=lambda rows: int(rows["reversals"].sum())),
+        _total("setpoints", "set-points"), _total("outside", "outside the limits"),
+        _total("discontinuities", "discontinuities"),
+        Column("joined", "chunks joined", "%", "more", of=lambda rows: 100.0 * rows["joined"].sum() / rows["chunks"].sum()),
+        *(Column(name, f"largest {name} / limit", "", "less", of=largest(name)) for name in DERIVATIVES),
+        _total("stops", "stops"), _total("reversals", "further reversals"),
         Column("lag", "median lag", "ms", "less", of=median("lag", 1e3)),
         Column("distance", "median distance", "mrad", "less", of=median("distance", 1e3)),
         Column("ms", "CPU time per chunk", "ms", "less", of=median("ms")),
-        Column("streams", "streams", show="count", aside=True, of=count(pl.col("problem").is_not_null())),
     )  # fmt: skip
 
     robot: RobotName = key("The arm.")

@@ -36,15 +36,14 @@ from planners.limits import MotionLimits
 from planners.motion import PlanStatus
 from planners.motion.motion import stretch_analysed
 from planners.paths.base import Path
-from planners.paths.free_path import FreePath, free
+from planners.paths.free_path import free
 from planners.paths.joint_line import JointLine
 from planners.paths.point_to_point import PointToPoint, ViaPoint
 from planners.plan import Plan, plan
-from planners.trajectory import Trajectory
 
 ALONG_INITIAL, CHOSEN = "initial path", "path and time"
 """Labels of both motions: the paths of a set without and with freedoms."""
-SIMULTANEOUS, DRAKE = "casadi_simultaneous", "drake"
+DRAKE = "drake"
 """Names of the peers that choose path and time."""
 
 VIA_TOLERANCE = (5e-3, 0.09)
@@ -153,8 +152,8 @@ class FreedomBlock(Block):
     limits: Annotated[tuple[LimitSet, ...], LISTED, AfterValidator(settings.check_labels)] = key(
         "Limits of the motions."
     )
-    peers: Annotated[tuple[Annotated[str, one_of(SIMULTANEOUS, DRAKE)], ...], LISTED] = key(
-        "Peers of path and time together: `casadi_simultaneous`, `drake` (only `joints`).", ()
+    peers: Annotated[tuple[Annotated[str, one_of(DRAKE)], ...], LISTED] = key(
+        "Peers of path and time together: `drake` (only `joints`).", ()
     )
 
     @property
@@ -238,45 +237,22 @@ def solve_by_peer(
     name: str, limits: MotionLimits, problem: tuple[Robot, Array, Path, Path], ours: dict[str, Any]
 ) -> dict[str, Any]:
     """Return the row of a peer beside ours: its motion, slowed uniformly until it respects all limits."""
-    arm, q, _given, path = problem
+    arm, _q, _given, path = problem
     row = {key: ours.get(key) for key in ("fixed_duration", "stop_duration", "ms_fixed")} | {"certified": False}
     enforced = tuple(each for each in limits.names if limits.value(each) is not None)
+    from benchmarks.peers.drake_moves import solve_by_drake
+
     try:
-        about, chosen, raw = _PEERS[name](arm, path, q, limits)
-        motion = stretch_analysed(MotionAnalysis(arm, raw, chosen), limits, enforced).trajectory
+        raw, ms = solve_by_drake(arm, path, limits)
+        motion = stretch_analysed(MotionAnalysis(arm, raw), limits, enforced).trajectory
     except (NoSolution, Absent) as error:
         return row | {"status": str(PlanStatus.TIMING_INFEASIBLE), "outcome": str(error)}
-    proof = certify(arm, chosen, motion, limits, law=name, enforced=enforced)
+    proof = certify(arm, None, motion, limits, law=name, enforced=enforced)  # its spline in t has no parameter s
     status = PlanStatus.SOLVED if proof.is_valid else PlanStatus.NOT_PROVED
-    row |= about | {"status": str(status), "outcome": "chosen", "certified": bool(proof.is_valid)}
+    row |= {"ms": ms, "starts": 1, "status": str(status), "outcome": "chosen", "certified": bool(proof.is_valid)}
     row |= {"duration": motion.duration, "own_duration": raw.duration}
     fixed = row["fixed_duration"]
     return row if fixed is None else row | {"gain": 1.0 - motion.duration / fixed}
-
-
-def _by_casadi(
-    arm: Robot, path: Path, q: Array, limits: MotionLimits
-) -> tuple[dict[str, Any], Path | None, Trajectory]:
-    from benchmarks.peers.casadi_simultaneous import solution_motion, solve_as_peer  # CasADi is imported only here
-
-    assert isinstance(path, FreePath | PointToPoint)
-    begin = time.perf_counter()
-    choice, found = solve_as_peer(arm, path, q, limits)
-    ms = 1e3 * (time.perf_counter() - begin)
-    return {"ms": ms, "starts": 1, "steps": found.iterations}, *solution_motion(choice, found, limits)
-
-
-def _by_drake(
-    arm: Robot, path: Path, _q: Array, limits: MotionLimits
-) -> tuple[dict[str, Any], Path | None, Trajectory]:
-    from benchmarks.peers.drake_moves import solve_by_drake
-
-    motion, ms = solve_by_drake(arm, path, limits)
-    return {"ms": ms, "starts": 1}, None, motion  # its spline in t is no path with a parameter s
-
-
-_PEERS = {SIMULTANEOUS: _by_casadi, DRAKE: _by_drake}
-"""What each peer says of its solution, the path for the certificate, and the motion."""
 
 
 # ---------------------------------------------------------------- examples

@@ -357,6 +357,17 @@ def won(run: Run) -> list[QuestionResult]:
     return found
 
 
+MOST_FINDINGS = 6
+"""Largest number of questions that the key findings answer in words; the table has all."""
+
+
+def _finding(found: QuestionResult) -> str:
+    """Return the answer of a question as a sentence."""
+    also = f", as {listed(found.level[1:])}" if len(found.level) > 1 else ""
+    other = f"; next is {found.second.label} with {found.second.value}" if found.second else ""
+    return f"{found.asked.question}: {found.best.label} with {found.best.value}{also}{other}."
+
+
 def _remark(winner: Winner, tied: tuple[str, ...]) -> str:
     """Say why entries stand beside the best, how many are not named, and if there are too few values for a test."""
     if not tied:
@@ -406,9 +417,8 @@ def winners_table(run: Run) -> Table | None:
 def overview(run: Run) -> dict[str, Any]:
     """Return subjects, scope and key findings of the comparison."""
     started = [b.block for b in run.blocks_with_rows]
-    # A kind that says who wins has its findings in that table.
-    shown = [load_report(kind) for kind in run.suite.kinds]
-    own = [words for kind in shown if not kind.winners(run) for words in kind.findings(run)]
+    own = [words for kind in run.suite.kinds for words in load_report(kind).findings(run)]
+    best = won(run)
     return {
         "title": run.suite.title,
         "suite": run.suite.name,
@@ -418,9 +428,9 @@ def overview(run: Run) -> dict[str, Any]:
         "robots": [(short_name(name), _axes(run, name)) for name in run.suite.robots],
         "subjects": _subjects(run),
         "missing": [block.title for _, block in run.suite.pairs() if block not in started],
-        "findings": [words for words in own if words],
+        "findings": [*map(_finding, best[:MOST_FINDINGS]), *filter(None, own)],
         "paper": {"title": PAPER_TITLE, "method": PAPER_METHOD, "verdict": _verdicts(run)} if run.on_paper else None,
-        "won": won(run),
+        "won": best,
     }
 
 

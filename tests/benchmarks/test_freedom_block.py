@@ -13,15 +13,17 @@ import pytest
 from benchmarks.blocks import freedom
 from benchmarks.blocks.base import load_kind
 from benchmarks.blocks.block import Target
-from benchmarks.blocks.freedom import ALONG_INITIAL, CHOSEN, DRAKE, SIMULTANEOUS, FreedomBlock, draw, solve_by_peer
-from benchmarks.peers import casadi_simultaneous
+from benchmarks.blocks.freedom import ALONG_INITIAL, CHOSEN, DRAKE, FreedomBlock, draw, solve_by_peer
+from benchmarks.peers import drake_moves
 from benchmarks.peers.ik.drake import METHOD as PEER
 from benchmarks.records import RunFolder
 from benchmarks.report.base import Run
 from benchmarks.report.freedom import REPORT
 from benchmarks.run.session import run_suite
 from benchmarks.suite import load_suite
-from optik.errors import InvalidInput
+from optik import Robot
+from optik.errors import InvalidInput, NoSolution
+from planners import JointLine, MotionLimits, Trajectory, plan
 
 LIMITS = {"label": "own", "velocity": 2.0, "acceleration": 10.0, "jerk": 100.0}
 SETS = [
@@ -97,44 +99,38 @@ def test_the_coordinates_of_an_example_are_inside_their_ranges(run: Run) -> None
     assert joints["coordinate"].n_unique() == 6 and joints["value"].is_between(0.0, 1.0).all()
 
 
-def test_a_peer_has_rows_beside_ours_and_a_reason_where_it_does_not_take_the_limits(tmp_path: Path) -> None:
+def test_a_peer_has_rows_beside_ours_and_a_reason_where_it_does_not_take_the_limits(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def too_fast(arm: Robot, path: Any, limits: MotionLimits) -> tuple[Trajectory, float]:
+        if limits.torque is not None:
+            raise NoSolution("it takes no torque")
+        ends = path.coefficients[[0, -1]]
+        motion = plan(arm, JointLine(arm, *ends), ends[0], limits=MotionLimits(2.2, 11.0, 110.0)).trajectory
+        return motion, 7.0
+
+    monkeypatch.setattr(drake_moves, "solve_by_drake", too_fast)
     own = "label = 'own', velocity = 2.0, acceleration = 10.0, jerk = 100.0"
     (tmp_path / "s.toml").write_text(
         '[[freedom]]\nid = "f"\nsets = [{ robot = "panda", kind = "joints", count = 1 }]\n'
-        f'limits = [{{ {own} }}, {{ {own.replace("own", "torque")}, torque = "robot" }}]\npeers = ["{SIMULTANEOUS}"]\n'
+        f'limits = [{{ {own} }}, {{ {own.replace("own", "torque")}, torque = "robot" }}]\npeers = ["{DRAKE}"]\n'
     )
     run_suite(load_suite(str(tmp_path / "s.toml")), tmp_path / "run")
     run = Run(RunFolder(tmp_path / "run"))
     rows = run.of("freedom")[0].rows
-    assert rows["method"].to_list() == [CHOSEN, SIMULTANEOUS] * 2 and rows["problem"].to_list() == [0] * 4
+    assert rows["method"].to_list() == [CHOSEN, DRAKE] * 2 and rows["problem"].to_list() == [0] * 4
     expected = [True, True, True, False]
     assert rows["certified"].to_list() == expected and rows["solved"].to_list() == expected
-    assert rows["duration"][1] == pytest.approx(rows["duration"][0], rel=0.03)  # limits hold at its grid points only
-    assert rows["before"][0] == rows["before"][1]
-    assert rows["status"][3] == "timing_infeasible" and "got velocity, acceleration, jerk, torque" in rows["outcome"][3]
+    assert rows["own_duration"][1] <= rows["duration"][1] <= 1.1 * rows["own_duration"][1]
+    assert rows["before"][0] == rows["before"][1] and rows["ms"][1] == 7.0
+    assert rows["status"][3] == "timing_infeasible" and rows["outcome"][3] == "it takes no torque"
     (table,) = REPORT.tables(run)
     assert [(row["method"], row["limits"], row["motions"]) for row in table.rows] == [
-        (CHOSEN, "own", 1), (CHOSEN, "torque", 1), (SIMULTANEOUS, "own", 1), (SIMULTANEOUS, "torque", 1),
+        (CHOSEN, "own", 1), (CHOSEN, "torque", 1), (DRAKE, "own", 1), (DRAKE, "torque", 1),
     ]  # fmt: skip
-    judged = (Target(measure="solved", at_least=100, method=method) for method in ("", SIMULTANEOUS))
+    judged = (Target(measure="solved", at_least=100, method=method) for method in ("", DRAKE))
     assert [load_kind("freedom").judge(rows, one)[0] for one in judged] == [100.0, 50.0]
-    assert SIMULTANEOUS not in REPORT.findings(run)[0]
-
-
-def test_the_peer_turns_the_tool_as_we_do_and_takes_no_via_points(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(casadi_simultaneous, "SIMULTANEOUS_INTERVALS", 8)
-    block = FreedomBlock.read({"id": "f", "sets": SETS, "limits": [LIMITS]})
-    problem = draw(block.sets[0], block.limits, 2026, 1)
-    limits = block.limits[0].of(problem[0])
-    ours = freedom.solve(block.sets[0], limits, problem)[0]
-    row = solve_by_peer(SIMULTANEOUS, limits, problem, ours)
-    assert row["status"] == "solved" and row["certified"] and row["steps"] > 1 and row["ms"] > 0.0
-    assert row["gain"] == 1.0 - row["duration"] / ours["fixed_duration"]
-    assert row["duration"] == pytest.approx(ours["duration"], rel=0.01)
-    assert row["duration"] < 0.99 * ours["fixed_duration"]
-    cycle = draw(block.sets[2], block.limits, 1, 0)
-    row = solve_by_peer(SIMULTANEOUS, block.limits[0].of(cycle[0]), cycle, {"stop_duration": 9.0})
-    assert "via points" in row["outcome"] and row["stop_duration"] == 9.0 and "duration" not in row
+    assert DRAKE not in REPORT.findings(run)[0]
 
 
 @pytest.mark.skipif(bool(PEER.missing()), reason="Drake has no environment here")

@@ -316,11 +316,3 @@ def test_limits_are_listed_joint_by_joint_with_repeats() -> None:
     assert describe_limits(MotionLimits(torque=[87.0, 87.0, 12.0]), 3).startswith("torque 87, 87, 12 ")
     assert describe_limits(MotionLimits(velocity=[2.0, 2.0]), 2).startswith("velocity 2 ")
     assert describe_limits(MotionLimits(velocity=[[-1.0, -1.0], [2.0, 2.0]]), 2).startswith("velocity -1 to 2 ")
-
-
-def test_a_run_with_a_kind_of_block_that_was_removed_is_shown_without_it(small_run: RunFolder, tmp_path: Path) -> None:
-    shutil.copytree(small_run.path, tmp_path / "run")
-    manifest = json.loads((tmp_path / "run/run.json").read_text(encoding="utf-8"))
-    manifest["settings"]["first_use"] = {"robot": "paper6r", "solver": "dls"}
-    (tmp_path / "run/run.json").write_text(json.dumps(manifest), encoding="utf-8")
-    assert Run(RunFolder(tmp_path / "run")).suite.kinds == Run(small_run).suite.kinds

@@ -5,12 +5,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.peers.casadi_simultaneous import solve_jointly
 from optik.ik import make_solver
 from planners import MotionLimits, PointToPoint, follow, free
 from planners.choice.choose import make_choice
 from planners.choice.solve import solve_coefficients
 from planners.timing.optimal import Optimal
+from tests.oracles.simultaneous import solve_jointly
 from tests.planners.cases import START, paper6r
 from tests.planners.test_freedom import line, torch
 

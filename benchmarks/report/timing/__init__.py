@@ -75,6 +75,8 @@ DECIDED_BY = (
 )
 """Rule of the ranking in words."""
 
+OF_T = "T* is the shortest known duration of a path"
+"""Definition, at the first use of T* on a page."""
 FEWEST_SHARED = 5
 """Least number of motions for a ranking of laws: with fewer a median is not informative."""
 
@@ -123,7 +125,7 @@ def kind_winners(b: BlockRows, kind: str) -> list[Winner]:
     lengths = {label: part["kept_over_optimum"].to_numpy() for label, part in parts.items()}
     times = {label: part["ms_law"].fill_null(np.inf).to_numpy() for label, part in parts.items()}
     return [
-        _winner(f"Shortest motions, all stretched to meet the limits: {where}", "× T*", lengths, note),
+        _winner(f"Shortest motions, all stretched to meet the limits: {where}", "× T*", lengths, f"{OF_T}; {note}"),
         _winner(f"Shortest computing time: {where}", "ms", times, note),
     ]
 

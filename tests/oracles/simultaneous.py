@@ -1,7 +1,7 @@
 """Path and time together by CasADi and IPOPT: joints and their derivatives in s are unknowns, tied to the path.
 
-It is a peer of blocks ``[[freedom]]``, and the independent formulation of the tests. It reads the grid, the basis functions
-and the limits of the core, and shares no formula with it: forward kinematics and all derivatives along the path are CasADi's.
+It is the independent formulation of the tests. It reads the grid, the basis functions and the limits of the core, and shares no
+formula with it: forward kinematics and all derivatives along the path are CasADi's.
 """
 
 from __future__ import annotations
@@ -10,26 +10,14 @@ from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
-from scipy.interpolate import PPoly
 
 from optik.arm.robot import Robot
-from optik.errors import NoSolution
-from optik.ik import make_solver
 from optik.types import Array
-from planners.choice.choose import Choice, make_choice
-from planners.following.follow import follow
-from planners.limits import DERIVATIVES, MotionLimits
+from planners.choice.choose import Choice
+from planners.limits import DERIVATIVES
 from planners.paths.control_curve import DEGREE
 from planners.paths.free_path import FreePath
-from planners.paths.point_to_point import PointToPoint
-from planners.timing.base import refit
-from planners.timing.optimal import Optimal
-from planners.trajectory import Trajectory
 
-SIMULTANEOUS_INTERVALS = 48
-"""Intervals of s of a peer's problem: a third of the core's, since a solve on its grid takes three times as long."""
-SIMULTANEOUS_ITERATIONS = 300
-"""Iteration limit of a peer's solve: those that succeeded took 25 to 70."""
 ORDERS = 4
 """A value and its first three derivatives in s."""
 
@@ -217,42 +205,3 @@ def solve_jointly(
         float(answer["f"]) * time, coefficients.reshape(C, D), law.reshape(K + 1, 4), joints[:n], int(stats["iter_count"]),
         bool(stats["success"]), str(stats["return_status"]),
     )  # fmt: skip
-
-
-# ---------------------------------------------------------------- the peer
-
-
-def solve_as_peer(
-    robot: Robot, path: FreePath | PointToPoint, q: Array, limits: MotionLimits
-) -> tuple[Choice, SimultaneousSolution]:
-    """Return the problem of a path from its start configuration, and IPOPT's solution from the core's initial guess."""
-    given = {name for name in limits.names if limits.value(name) is not None}
-    if given != set(DERIVATIVES):
-        words = ", ".join(name.replace("_", " ") for name in limits.names if name in given)
-        raise NoSolution(f"it takes limits of velocity, acceleration and jerk; got {words}")
-    if isinstance(path, PointToPoint) and path.vias:
-        raise NoSolution("it takes no via points")
-    followed = follow(make_solver(robot, "lm"), path, q)
-    if followed.failure is not None or followed.joint_path is None:
-        raise NoSolution(f"the initial path cannot be followed: {followed.failure}")
-    optimum = Optimal(intervals=SIMULTANEOUS_INTERVALS).run_with_optimum(followed.joint_path, limits)[1]
-    choice = make_choice(path, followed.joint_path, optimum, held=True)
-    found = solve_jointly(choice, iterations=SIMULTANEOUS_ITERATIONS)
-    if not found.success:
-        raise NoSolution(f"ipopt ended with {found.status}")
-    return choice, found
-
-
-def solution_motion(
-    choice: Choice, found: SimultaneousSolution, limits: MotionLimits
-) -> tuple[FreePath | PointToPoint, Trajectory]:
-    """Return the chosen path, and the motion along it by the solution's s(t), a cubic on each interval."""
-    path, inside = choice.path_of(found.p), choice.robot.limits
-    q = np.clip(found.q_start, inside.lower, inside.upper)  # IPOPT passes bounds by up to 1e-8
-    followed = follow(make_solver(choice.robot, "lm"), path, q, branch="start")
-    if followed.failure is not None or followed.joint_path is None:
-        raise NoSolution(f"the chosen path cannot be followed: {followed.failure}")
-    v, a, T, j = found.z.T
-    pieces = np.stack([j[:-1] / 6.0, a[:-1] / 2.0, v[:-1], choice.optimum.programme.s[:-1]])
-    law = PPoly(pieces, np.r_[0.0, np.cumsum(T[:-1])], extrapolate=True)
-    return path, refit(followed.joint_path, law, limits.arrays(choice.robot.n)["jerk"])
