@@ -124,7 +124,9 @@ class GroupCommand(MotionCommand):
             if member not in typed or not name or not equals:
                 raise InvalidInput("--limit", repr(key), f"MEMBER.NAME=VALUE with a member: {known}")
             typed[member][name] = readers.read_limit(name, value)
-        speeds = {name: read_bound(text, OPTIONS[name]) for name in TOOL_SPEEDS if (text := getattr(self, name, None))}
+        speeds = {
+            name: read_bound(bound, OPTIONS[name]) for name in TOOL_SPEEDS if (bound := getattr(self, name, None))
+        }
         limits = {"path": MotionLimits(**speeds)}
         for member, robot in self.group.members.items():
             try:

@@ -403,11 +403,10 @@ class CheckProgramCommand(JsonCommand):
         import planners
         from planners.program.file import read_program
 
-        group, arm, order = read_typed_group(self.robot, self.tool, self.frame), self.robot or None, None
-        if group is not None:
-            arm = find_chain(group, self.tool, self.frame)
-            order = find_order(group, arm)
-        content, mistakes = read_program(self.file, arm, order=order)
+        group = read_typed_group(self.robot, self.tool, self.frame)
+        arm = None if group is None else find_chain(group, self.tool, self.frame)
+        order = None if group is None or arm is None else find_order(group, arm)
+        content, mistakes = read_program(self.file, arm or self.robot or None, order=order)
         if mistakes and mistakes[0].argument == "file":
             raise mistakes[0]
         for mistake in mistakes:

@@ -405,7 +405,8 @@ def _read_member(data: Any, where: str, folder: Path) -> Robot:
     name = read_word(data["robot"], f"{where}.robot")
     robot = load(str(folder / name) if is_path(name) else name)
     rates = read_record(data.get("dynamic_limits", {}), (), f"{where}.dynamic_limits", optional=DYNAMIC_LIMITS)
-    robot = robot.with_limits(**{key: check_positive(x, robot.n, f"{where}.{key}") for key, x in rates.items()})
+    checked: Any = {key: check_positive(x, robot.n, f"{where}.{key}") for key, x in rates.items()}
+    robot = robot.with_limits(**checked)
     if "base" in data:
         robot = robot.with_base(read_pose(data["base"], f"{where}.base"))
     if "payload_kg" in data:

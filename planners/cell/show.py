@@ -59,7 +59,7 @@ def restore_plan(motion: Motion, *, solver: str = "lm", allow: Allow = ()) -> Pl
     Raises
     ------
     InvalidInput
-        Not a motion, or one that begins in the middle of its path.
+        Not a motion, or one that begins in the middle of its path, or of a group.
     InvalidMotion
         The motion has a violation that ``allow`` does not permit.
     NoSolution
@@ -69,6 +69,8 @@ def restore_plan(motion: Motion, *, solver: str = "lm", allow: Allow = ()) -> Pl
     """
     if not isinstance(motion, Motion):
         raise InvalidInput("motion", repr(motion)[:60], "a Motion")
+    if motion.world is not None:  # the base of its chain moves, so no drive has its gravity
+        raise InvalidInput("motion", f"that of the group {motion.robot.name}", "that of one arm: plan.members[NAME]")
     if motion.span is not None and motion.span[0] > 0.0:
         got = (
             f"a replanned motion, which begins at s = {motion.span[0]:.6g}; execute it in the program that replanned it"

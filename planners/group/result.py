@@ -190,11 +190,11 @@ class GroupPlan:
 
     def show(self) -> Page:
         """Show all members and the obstacles in the world: in the cell of a notebook, else in the browser."""
-        if isinstance(self.chain_plan, Plan):
-            return show_page(show_motion(self)) if self.chain_plan.has_motion else self.chain_plan.show()
-        robot, moved, world = self.chain_plan.robot, self.chain_plan.trajectory, World(self.group, self.scene)
-        limits = join_member_limits(self.group, robot, self.limits)
-        return show_page(show_trajectory(robot, moved, self.certificate, limits, None, world))
+        plan: Any = self.chain_plan
+        if isinstance(plan, Plan):
+            return show_page(show_motion(self)) if plan.has_motion else plan.show()
+        limits, world = join_member_limits(self.group, plan.robot, self.limits), World(self.group, self.scene)
+        return show_page(show_trajectory(plan.robot, plan.trajectory, self.certificate, limits, None, world))
 
     def plot(self) -> Any:
         """Plot the joints over time against their limits, as `Plan.plot`."""

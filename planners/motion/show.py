@@ -268,7 +268,7 @@ def show_trajectory(
     track, bounds = sample_track(trajectory), plot_limits(limits, robot.n)
     if world is not None:  # the base of a chain through several mechanisms moves
         order, tool = world.group.places(robot), robot.joint_names[-1].partition("/")[0]
-        track = Track(track.t, *(None if one is None else one[:, order] for one in track[1:]))
+        track = Track._make(one[:, order] if k and one is not None else one for k, one in enumerate(track))
         bounds = {name: (low[order], high[order]) for name, (low, high) in bounds.items()}
         robot, scene = world.group.as_robot(tool), world.scene
     return Show(

@@ -80,6 +80,8 @@ def test_a_line_on_a_table_is_planned_written_shown_and_sent(typed: Any) -> None
         assert (
             '"arm/joint1","arm/joint2"' in text and '"table/tilt","table/turn"' in text
         )  # in the world, as in the file
+    status, _, said = typed("drive", "line.json", "--on", "ideal")
+    assert status == 2 and "plan.members[NAME]" in said  # a chain has not the gravity of its arms
     status, out, _ = typed(*LINE, "--out", "line.yaml", "--rate", "125")
     assert status == 0 and "line.arm.yaml and line.table.yaml" in out
     assert planners.load_trajectory("line.table.yaml", group.members["table"]).n == 2
