@@ -4,6 +4,7 @@ Case 0 plans ten groups in a fresh process on the machine as it is, and again be
 plan a line, torques, a program or a seam of an arm in two processes: with the code of the last commit, and with that of the
 commit before the one that added groups, both from folders beside each other, because the place of the files alone changes the
 time by 3 %. CPU seconds are the least of three of each, taken in turn.
+Measured: 10 of 10 groups and 60 of 60 arms equal, CPU 1.001.
 """
 
 from __future__ import annotations
