@@ -28,7 +28,8 @@ from planners.paths.free_path import FreePath
 from planners.paths.point_to_point import PointToPoint
 from planners.planning.planner import PathPlanner
 from planners.planning.result import Plan, SearchReport
-from planners.search.base import Search
+from planners.search.base import Search, SearchLike
+from planners.search.rrt_connect import RRTConnect
 from planners.timing.optimal import Optimal
 
 # ---------------- rounds of the choice around obstacles
@@ -262,6 +263,8 @@ iteration ends, and the law shortens the motion along its path. Up to `NOT_FAR`,
 MOST_OPTIMISED_PAIRS = 1000
 """Pairs of shapes of a chain through several mechanisms up to which the way around obstacles is optimised: of two arms with 40
 capsules each in a shelf, this takes 2 to 20 s, and the motion along the first path 0.5 s."""
+EARLY_RESTART = 1000
+"""Samples before the first restart of the search there, from which on every second sample is local: half the time of 5,000."""
 MAY_GAIN = 1.05
 """Largest ratio of the duration on the coarse grid to the best one of other initial paths for which the fine grid is tried."""
 
@@ -313,9 +316,11 @@ def choose_searched(
 ) -> Plan:
     """Return the fastest collision-free plan from the initial paths that are searched, or why there is no initial path."""
     samples, rounds, tried, plans, request = 0, 0, 0, list[Plan](), planner.request
-    scene, search = request.scene, DEFAULT_SEARCH if isinstance(request.avoid, bool) else request.avoid
+    scene = request.scene
     assert scene is not None
     paths = 1 if isinstance(path, PointToPoint) and _is_first_enough(request.robot, scene) else SEARCHES
+    usual: SearchLike = RRTConnect(restart=EARLY_RESTART) if paths == 1 else DEFAULT_SEARCH
+    search = usual if isinstance(request.avoid, bool) else request.avoid
     initial = (
         find_first_paths(path, scene, search, request.winding, paths) if isinstance(path, PointToPoint) else [None]
     )
