@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import product
 from typing import Any, TypeVar
@@ -16,13 +16,15 @@ from optik.arm.limits import DYNAMIC_LIMITS, JointLimits, VelocityByPosition
 from optik.arm.linkage import Linkage
 from optik.arm.model import ArmModel
 from optik.arm.motors import LIMIT_FIELDS, Motors, maker_limits, maker_names
-from optik.arm.shapes.model import NEIGHBOURS, Shapes
+from optik.arm.shapes.model import NEIGHBOURS, Apart, Shapes
 from optik.types import Array, Indices
 
 HALF_TURN = np.diag([1.0, -1.0, -1.0, 1.0])
 """X: X R_z(q) X = R_z(−q) and X T_z(q) X = T_z(−q), so that a chain turned round keeps the signs of its joints."""
 LinkPose = tuple[int, Array]
 """A link of a chain, and the pose (4, 4) of another frame in that of the link [1, m]."""
+ONE_BODY = "one body, which its own links are checked with"
+"""Reason why links are not checked with the other mechanism's copy of a body that carries both."""
 Arm = TypeVar("Arm", bound=ArmModel)
 """The class of an arm."""
 
@@ -41,7 +43,7 @@ def join_chains(first: Arm, second: Arm, names: tuple[str, str]) -> Arm:
     shapes = None
     if first.shapes is not None and second.shapes is not None:
         parts = _place(first.shapes, behind, f"{names[0]}/"), _place(second.shapes, ahead, f"{names[1]}/")
-        shapes = _join_shapes(parts, several=True)
+        shapes = _join_shapes(parts, several=True).with_apart(_list_common(parts, N))
     orders = [np.arange(first.n)[::-1], np.arange(second.n)]
     joints = [
         f"{name}/{arm.joint_names[i]}"
@@ -138,6 +140,18 @@ def _place(shapes: Shapes, places: Sequence[LinkPose], prefix: str) -> Shapes:
     return replace(
         shapes, capsules=capsules, names=tuple(names), apart=tuple((*pair, why) for pair, why in apart.items())
     )
+
+
+def _list_common(each: Sequence[Shapes], base: int) -> Iterator[Apart]:
+    """Yield the pairs of a part and the other mechanism's copy of a body that carries both, such as the torso of two arms."""
+    bodies = [
+        {(name.partition("/")[2], *np.round((*a, *b, r), 9)) for k, a, b, r, name in rows if k == base}
+        for rows in (zip(*one.capsules, one.names, strict=True) for one in each)
+    ]
+    common = {body[0] for body in bodies[0] & bodies[1]} - {body[0] for body in bodies[0] ^ bodies[1]}
+    for one, other in (each, each[::-1]):
+        copies = [name for name in dict.fromkeys(other.names) if name.partition("/")[2] in common]
+        yield from ((part, copy, ONE_BODY) for part, copy in product(dict.fromkeys(one.names), copies))
 
 
 def _join_shapes(each: Sequence[Shapes], *, several: bool) -> Shapes:

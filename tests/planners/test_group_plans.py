@@ -271,6 +271,22 @@ def test_goals_of_members_are_reached_around_each_other() -> None:
         plan(group, {"left": start["left"]})
 
 
+def test_of_many_shapes_the_first_way_that_is_proved_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    arm, turned = optik.load("ur5e").with_limits(**RATES), se3.exp_so3([0.0, 0.0, np.pi])
+    group = Group(left=arm, right=arm.with_base(se3.pose(turned, [0.8, 0.0, 0.0])))
+    q = np.array([np.pi, -1.6, 1.6, -1.9, -1.57, 0.0])
+    start, goal = ({name: q + side * np.eye(6)[0] for name in group.members} for side in (0.6, -0.6))
+    best = plan(group, goal, start, scene=Scene(), avoid=True)
+    monkeypatch.setattr("planners.choice.ways.MOST_OPTIMISED_PAIRS", 100)
+    first = plan(group, goal, start, scene=Scene(), avoid=True)
+    assert best and "not optimised" not in best.view.freedom.outcome and best.view.search.rounds
+    assert first and "not optimised" in first.view.freedom.outcome and not first.view.search.rounds
+    assert first.clearances["left and right"].proved and first.duration > best.duration
+    monkeypatch.setattr("planners.choice.first_paths.MOST_ROUNDINGS", 1)
+    pushed = plan(group, goal, start, scene=Scene(), avoid=True)
+    assert pushed and pushed.view.search.rounds
+
+
 def test_motions_of_groups_are_stored_and_sent(tmp_path: Path) -> None:
     group = welding()
     found = plan(
