@@ -297,15 +297,15 @@ def obstacle_line(what: str, file: str) -> Line:
 
 
 def seam_line() -> Line:
-    """Return the row on seams, beside the same seams followed one way."""
-    tables = sorted((RESULTS / "seams/tables").glob("seams-*.csv")) if (RESULTS / "seams/tables").exists() else []
-    for file in (f"seams/tables/{one.name}" for one in tables):
-        rows = {row["label"]: row for row in read_table(file) if "label" in row}
-        if {"whole path, free", "one way"} <= set(rows):
-            ours, theirs = (some(number(file, "certified [%]", label=one)) for one in ("whole path, free", "one way"))
-            return Line("seams among boxes", "% certified", ours, "one way, as a servo loop", theirs,
-                        rows["one way"]["problems"], "seams")  # fmt: skip
-    return Line("seams among boxes", section="seams")
+    """Return the row on seams of two arms whose tool may turn, beside the same seams followed pose by pose."""
+    files = [f"seams/tables/seams-{name}.csv" for name in ("panda-turn", "ur5e")]
+    ours, theirs = (
+        [number(file, "certified [%]", label=one) for file in files] for one in ("whole path, free", "local, free")
+    )
+    count = " / ".join(row["seams"] for file in files for row in read_table(file)[:1])
+    return Line(
+        "seams among boxes, panda / ur5e", "% certified", some(*ours), "pose by pose", some(*theirs), count, "seams"
+    )
 
 
 def stream_line() -> Line:
@@ -336,9 +336,9 @@ def cells(line: Line) -> list[str]:
     step = len(line.unit.split(", ")) if len(line.ours) > 1 else 1
     ours, theirs = (" / ".join(" · ".join(one.text for one in side[k : k + step]) for k in range(0, len(side), step))
                     for side in (line.ours, line.theirs))  # fmt: skip
-    ratios = [show(b.value / a.value) if a.value else "–" for a, b in zip(line.ours, line.theirs, strict=True)][
-        step - 1 :: step
-    ]
+    pairs = list(zip(line.ours, line.theirs, strict=True))[step - 1 :: step]
+    pairs = [(b, a) for a, b in pairs] if line.unit == "% certified" else pairs  # more is better
+    ratios = [show(b.value / a.value) if a.value else "–" for a, b in pairs]
     return [
         f"{line.what} [{line.unit.replace(', ', ' · ')}]",
         f"**{ours}**",

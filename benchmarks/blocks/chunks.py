@@ -29,7 +29,7 @@ TOO_LATE = 0.01
 """Chunks that arrive so shortly before the end of a stream are left out [s]."""
 NOISES, OUTLIERS = (0.0, 1e-3, 3e-3, 1e-2), 0.01
 """Standard deviations of the noise of a policy [rad, m], and the rate of targets with one wrong joint, by 0.02 to 0.1."""
-WITHIN = 1.0 + 1e-6
+RATIO_GRACE = 1.0 + 1e-6
 """Largest ratio to a limit that is rounding of the differences."""
 AT_REST, MOVING, BRIEF = 1e-3, 0.05, 10
 """Speeds below which an arm rests and above which the policy moves [rad/s]; ticks of the shortest stop."""
@@ -106,7 +106,8 @@ def follow_by_rule(rule: str, policy: Policy, robot: Robot, limits: MotionLimits
         here = np.flatnonzero((t >= begin - 1e-9) & (t < end - 1e-9))
         if here.size == 0:
             continue
-        points, times = np.array(chunk.points), chunk.observed + np.arange(len(chunk.points)) / chunk.rate
+        points = np.array(chunk.points)
+        times = chunk.observed + np.arange(len(points)) / chunk.rate
         points[:, free] += 2.0 * np.pi * np.round((state[0] - points[0]) / (2.0 * np.pi))[free]
         points[:, free] = np.unwrap(points[:, free], axis=0)
         due = np.clip(np.searchsorted(times, t[here] + 1e-9) - 1, 0, len(times) - 1)
@@ -144,12 +145,12 @@ def _chase(state: Array, target: Array, bounds: dict[str, Array], ticks: int) ->
     return found[:-1, 0], found[-1]
 
 
-OURS, NEAREST, CHASE, LINEAR, SPLINE, HOLD = (
+CLOCKED, NEAREST, CHASE, LINEAR, SPLINE, HOLD = (
     "stream", "stream, nearest", "Ruckig to each target", "linear, 125 Hz", "cubic spline to rest", "hard replacement",
 )  # fmt: skip
 """Labels: our stream by the clock of the chunks, as the rules are, and as by default; and the rules."""
 
-ALIGNED = {OURS: "clock", NEAREST: "nearest"}
+ALIGNED = {CLOCKED: "clock", NEAREST: "nearest"}
 """How our streams enter a chunk."""
 
 # ---------------------------------------------------------------- the judge
@@ -169,7 +170,7 @@ def judge_setpoints(q: Array, policy: Policy, robot: Robot, bounds: dict[str, Ar
     late = [np.abs(q[BEGIN::10] - policy.intend(t[BEGIN::10] - lag)).max(axis=1) for lag in LAGS]
     best = int(np.argmin([np.median(one) for one in late]))
     return dict(zip(DERIVATIVES, map(float, np.max(ratios, axis=1)), strict=True)) | {
-        "outside": int(((np.max(ratios, axis=0) > WITHIN) | ~inside).sum()),
+        "outside": int(((np.max(ratios, axis=0) > RATIO_GRACE) | ~inside).sum()),
         "discontinuities": int((ratios[1] > 10.0).sum()), "stops": int((edges[1::2] - edges[::2] >= BRIEF).sum()),
         "reversals": max(0, _reversals(velocity[BEGIN:]) - _reversals(meant[BEGIN:])),
         "lag": float(LAGS[best]), "distance": float(np.median(late[best])),
@@ -217,7 +218,9 @@ class ChunkBlock(Block):
     @property
     def entries(self) -> tuple[Entry, ...]:
         """Our stream, then the rules."""
-        return tuple(Entry(name, name, {}, role="ours" if name in ALIGNED else "law") for name in (OURS, *self.rules))
+        return tuple(
+            Entry(name, name, {}, role="ours" if name in ALIGNED else "law") for name in (CLOCKED, *self.rules)
+        )
 
 
 FIELDS = {

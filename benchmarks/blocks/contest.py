@@ -188,17 +188,16 @@ class ProcessFailed(OptikError, RuntimeError):
 
 def fresh(arguments: list[str], what: str, **environment: str) -> Any:
     """Run ``python ARGUMENTS`` with this code and read what it prints as JSON."""
-    path = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
-    return json.loads(run_python(sys.executable, arguments, what, PYTHONPATH=path, **environment))
+    return json.loads(run_python(sys.executable, arguments, what, **environment))
 
 
 def run_python(python: str, arguments: list[str], what: str, **environment: str) -> str:
-    """Run ``python ARGUMENTS`` with the code of that interpreter, and return its output.
+    """Run ``python ARGUMENTS``, and return its output: this interpreter with this code, another one with its own.
 
-    Nothing is imported from the working folder, nor from this process's ``PYTHONPATH``.
+    Nothing is imported from the working folder, by another interpreter also not from this process's ``PYTHONPATH``.
     """
-    outside = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
-    env = outside | {"PYTHONSAFEPATH": "1"} | environment
+    path = [str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])] if python == sys.executable else []
+    env = os.environ | {"PYTHONPATH": os.pathsep.join(path), "PYTHONSAFEPATH": "1"} | environment
     done = subprocess.run([python, *arguments], capture_output=True, text=True, check=False, env=env)
     if done.returncode != 0:
         raise ProcessFailed(

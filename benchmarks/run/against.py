@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import secrets
 import sys
 from collections.abc import Callable
@@ -11,7 +10,6 @@ from pathlib import Path
 from benchmarks.blocks.base import Kind
 from benchmarks.blocks.block import Block
 from benchmarks.blocks.contest import run_python
-from benchmarks.provenance import ROOT
 from benchmarks.records import MANIFEST, RunFolder, slug, update_manifest
 from benchmarks.suite import Suite
 
@@ -50,7 +48,6 @@ def run_alternately(
     token = folders[0].manifest().get("alternated") or secrets.token_hex(8)
     for folder in folders:
         update_manifest(folder, alternated=token)
-    path = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
     for kind, block in suite.pairs():
         if not (kind.alone and any(field.clock for field in kind.compared.values())):
             continue
@@ -59,9 +56,9 @@ def run_alternately(
             if settled(kind, block):
                 break
             tell(f"{block.title}: process {turn + 1} of at most {MOST_PROCESSES} of each interpreter")
-            sides = [(sys.executable, pair[0], {"PYTHONPATH": path}), (python, pair[1], {})]
-            for program, out, environment in sides[:: -1 if turn % 2 else 1]:
+            sides = list(zip((sys.executable, python), pair, strict=True))
+            for program, out in sides[:: -1 if turn % 2 else 1]:
                 if not RunFolder(out).has(MANIFEST) or not RunFolder(out).manifest()["complete"]:
                     out.parent.mkdir(parents=True, exist_ok=True)
                     arguments = [str(file), kind.name, block.id, str(out), "yes" if suite.allow_plugins else ""]
-                    run_python(program, ["-c", PROCESS, *arguments], f"{program}, {block.title}", **environment)
+                    run_python(program, ["-c", PROCESS, *arguments], f"{program}, {block.title}")

@@ -430,6 +430,15 @@ def test_a_run_of_timing_alone_has_its_section_and_no_claims(page: Page) -> None
     assert ("b", {}) not in page.tags
 
 
+def test_a_page_defines_its_symbol_first_and_says_its_findings_in_words(page: Page) -> None:
+    first = page.text.index("T*")
+    assert page.text[first:].startswith("T* is the shortest known duration")
+    findings = page.text[page.text.index("Key findings") :]
+    assert re.search(
+        r"Shortest computing time: A few <b>, regular: \w+ with [\d.]+ ms; next is \w+ with [\d.]+ ms\.", findings
+    )
+
+
 def laws_table(folder: RunFolder, ending: str) -> dict[str, dict[str, Any]]:
     tables = {table.id: table for table in load_report(load_kind("timing")).tables(Run(folder))}
     return {str(row["label"]): dict(row) for row in tables[f"timing-few-lines-{ending}"].rows}
