@@ -75,11 +75,9 @@ def facts_on(entry: Entry, **more: Any) -> dict[str, Any]:
 
 
 def enter(
-    entry: Entry,
-    journal: Journal,
-    build: Callable[[Entry], Contestant],
+    entry: Entry, journal: Journal, build: Callable[[Entry], Contestant],
     facts: Callable[[Entry], dict[str, Any]] = facts_on,
-) -> Contestant:
+) -> Contestant:  # fmt: skip
     """Build a contestant. One that crashed the process is not built again, because building may be the cause."""
     if entry.label in journal.crashed:
         return Contestant(entry, facts(entry), ended=journal.crashed[entry.label])
@@ -109,11 +107,9 @@ class Calls(NamedTuple):
 
 
 def timed_calls(
-    contestant: Contestant,
-    arguments: Sequence[tuple[Any, ...]],
-    failures: tuple[type[Exception], ...],
+    contestant: Contestant, arguments: Sequence[tuple[Any, ...]], failures: tuple[type[Exception], ...],
     before: Callable[[int], None] | None = None,
-) -> Calls:
+) -> Calls:  # fmt: skip
     """Time one call for each tuple of arguments, by the clock of the process that makes them.
 
     The processor time is the mean over the calls. In a worker process it is measured for each call.
@@ -129,12 +125,9 @@ def timed_calls(
 
 
 def timed(
-    call: Callable[..., Any],
-    arguments: Sequence[tuple[Any, ...]],
-    *,
-    failures: tuple[type[Exception], ...] = (),
+    call: Callable[..., Any], arguments: Sequence[tuple[Any, ...]], *, failures: tuple[type[Exception], ...] = (),
     before: Callable[[int], None] | None = None,
-) -> tuple[NDArray[np.int64], list[Any]]:
+) -> tuple[NDArray[np.int64], list[Any]]:  # fmt: skip
     """Time one call for each tuple of arguments; exceptions that are failures take the place of results."""
     clock = time.perf_counter_ns
     took = np.empty(len(arguments), dtype=np.int64)
@@ -314,16 +307,9 @@ class Rounds:
 
 
 def timed_part(
-    robot: Robot,
-    problems: ProblemSet,
-    here: NDArray[np.int64],
-    callers: list[Contestant],
-    rounds: int,
-    *,
-    seed: int = 0,
-    kept: Rounds | None = None,
-    budget: int | None = None,
-) -> pl.DataFrame:
+    robot: Robot, problems: ProblemSet, here: NDArray[np.int64], callers: list[Contestant], rounds: int, *,
+    seed: int = 0, kept: Rounds | None = None, budget: int | None = None,
+) -> pl.DataFrame:  # fmt: skip
     """Time some problems: in every round each contestant takes all of them in turn; their rows name the budget."""
     kept = kept or Rounds()
     mine = [np.intersect1d(here, problems.chosen(c.entry.most)) for c in callers]

@@ -153,14 +153,9 @@ def random_stream(seed: int, *words: str) -> np.random.Generator:
 
 
 def from_solutions(
-    robot: Robot,
-    seed: int,
-    groups: dict[str, Array],
-    *,
-    starts: str | Sequence[str] | None = None,
-    spread: float = 0.1,
-    start_deg: ArrayLike | None = None,
-) -> ProblemSet:
+    robot: Robot, seed: int, groups: dict[str, Array], *, starts: str | Sequence[str] | None = None,
+    spread: float = 0.1, start_deg: ArrayLike | None = None,
+) -> ProblemSet:  # fmt: skip
     """Return a problem set whose targets are the tool poses of known configurations, with one or several kinds of starts.
 
     Random starts are drawn for each group by itself, one problem after another: the first problems of a group are the same

@@ -20,15 +20,9 @@ PROOF_TOLERANCE = 1e-5
 
 
 def beyond_reach(
-    robot: Robot,
-    seed: int,
-    *,
-    count: int = 100,
-    excesses_m: Sequence[float] = (0.001, 0.01, 0.1),
-    starts: str | Sequence[str] | None = None,
-    spread: float = 0.1,
-    start_deg: ArrayLike | None = None,
-) -> ProblemSet:
+    robot: Robot, seed: int, *, count: int = 100, excesses_m: Sequence[float] = (0.001, 0.01, 0.1),
+    starts: str | Sequence[str] | None = None, spread: float = 0.1, start_deg: ArrayLike | None = None,
+) -> ProblemSet:  # fmt: skip
     """Targets that no configuration reaches: tool poses of random configurations, moved outwards past a proved bound.
 
     The bound is that of the solvers (`optik.arm.reach`): the distance between a point of the base and a point on the last

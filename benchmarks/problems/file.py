@@ -19,14 +19,9 @@ FREE_STARTS = ("random", "zero")
 
 
 def file(
-    robot: Robot,
-    seed: int,
-    *,
-    path: str,
-    starts: str | Sequence[str] | None = None,
-    start_deg: ArrayLike | None = None,
-    reference_restarts: int = REFERENCE_RESTARTS,
-) -> ProblemSet:
+    robot: Robot, seed: int, *, path: str, starts: str | Sequence[str] | None = None,
+    start_deg: ArrayLike | None = None, reference_restarts: int = REFERENCE_RESTARTS,
+) -> ProblemSet:  # fmt: skip
     """Targets from a file: the poses of an application.
 
     A CSV file has a header and one row for each target: ``x_m, y_m, z_m`` [m], the rotation as ``qw, qx, qy, qz`` or as

@@ -19,16 +19,10 @@ BASE_AXES = {"X": 0, "Y": 1, "Z": 2}
 
 
 def graph_paper(
-    robot: Robot,
-    seed: int,
-    *,
-    start_deg: ArrayLike,
-    normals: Sequence[str] = ("Y", "Z"),
-    offsets_m: Sequence[float] = (0.0,),
-    half_size_m: float = 0.5,
-    spacing_m: float = 0.05,
+    robot: Robot, seed: int, *, start_deg: ArrayLike, normals: Sequence[str] = ("Y", "Z"),
+    offsets_m: Sequence[float] = (0.0,), half_size_m: float = 0.5, spacing_m: float = 0.05,
     reference_restarts: int = REFERENCE_RESTARTS,
-) -> ProblemSet:
+) -> ProblemSet:  # fmt: skip
     """Targets on planar grids through the workspace, as in the experiments of the paper.
 
     `searched` decides which targets have a known solution: `lm` with restarts and all branches of `closed_form`.

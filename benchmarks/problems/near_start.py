@@ -18,13 +18,9 @@ POOL = 200
 
 
 def near_start(
-    robot: Robot,
-    seed: int,
-    *,
-    count: int = 1000,
-    spreads: Sequence[float] = (0.1,),
+    robot: Robot, seed: int, *, count: int = 1000, spreads: Sequence[float] = (0.1,),
     singular_edges: Sequence[float] = (),
-) -> ProblemSet:
+) -> ProblemSet:  # fmt: skip
     """Reachable targets whose starts are a known solution plus normal noise, clamped to the joint limits.
 
     Parameters

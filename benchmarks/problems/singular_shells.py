@@ -36,13 +36,9 @@ some configurations come to 1e-10."""
 
 @with_starts
 def singular_shells(
-    robot: Robot,
-    seed: int,
-    *,
-    count: int = 100,
-    which: Sequence[str] | None = None,
+    robot: Robot, seed: int, *, count: int = 100, which: Sequence[str] | None = None,
     edges: Sequence[float] = (1e-6, 1e-4, 1e-2),
-) -> dict[str, Array]:
+) -> dict[str, Array]:  # fmt: skip
     """Targets whose solution lies in a chosen range of the smallest singular value, beside a named singularity.
 
     A singular configuration is found by search: a joint of a random configuration moves to a sign change of det J (joint 5

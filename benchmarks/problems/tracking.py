@@ -20,13 +20,9 @@ LOOP_SAMPLES = 20_001
 
 
 def tracking(
-    robot: Robot,
-    seed: int,
-    *,
-    count: int = 200,
-    steps_m: Sequence[float] = (0.001, 0.01, 0.05),
+    robot: Robot, seed: int, *, count: int = 200, steps_m: Sequence[float] = (0.001, 0.01, 0.05),
     range_share: float = 0.8,
-) -> ProblemSet:
+) -> ProblemSet:  # fmt: skip
     """Sequences of targets at equal distances along the tool's path, each started from the previous solution.
 
     All joints move round a smooth closed curve inside their limits, the same for every step; where it ends, it begins

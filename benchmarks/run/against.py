@@ -37,13 +37,9 @@ def process_folders(folder: RunFolder, kind: Kind, block: Block) -> list[Path]:
 
 
 def run_alternately(
-    suite: Suite,
-    file: Path,
-    folders: tuple[RunFolder, RunFolder],
-    python: str,
-    settled: Callable[[Kind, Block], bool],
+    suite: Suite, file: Path, folders: tuple[RunFolder, RunFolder], python: str, settled: Callable[[Kind, Block], bool],
     tell: Callable[[str], None],
-) -> None:
+) -> None:  # fmt: skip
     """Run each timed block in fresh processes until its times are settled; first comes this interpreter's folder."""
     token = folders[0].manifest().get("alternated") or secrets.token_hex(8)
     for folder in folders:

@@ -139,15 +139,9 @@ REFERENCE_SECONDS = 1.0
 
 
 def run_suite(
-    suite: Suite,
-    out: str | os.PathLike[str],
-    *,
-    workers: int = 1,
-    executor: Executor | None = None,
-    part_timeout: float | None = None,
-    progress: Progress | None = None,
-    command: str = "",
-) -> RunFolder:
+    suite: Suite, out: str | os.PathLike[str], *, workers: int = 1, executor: Executor | None = None,
+    part_timeout: float | None = None, progress: Progress | None = None, command: str = "",
+) -> RunFolder:  # fmt: skip
     """Run a suite, or resume an interrupted run.
 
     Parameters

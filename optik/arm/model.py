@@ -314,12 +314,9 @@ class ArmDynamics(ArmModel):
 
     @check_keywords
     def with_payload(
-        self,
-        mass: float | tuple[float, float] | None,
-        com: ArrayLike = (0.0, 0.0, 0.0),
-        inertia: ArrayLike | None = None,
-        shapes: Sequence[Any] | None = None,
-    ) -> Self:
+        self, mass: float | tuple[float, float] | None, com: ArrayLike = (0.0, 0.0, 0.0),
+        inertia: ArrayLike | None = None, shapes: Sequence[Any] | None = None,
+    ) -> Self:  # fmt: skip
         """Return the arm with a rigid body in its tool, which replaces the present payload.
 
         The body is fixed in the tool's frame and moves with it, also in `with_tool`.

@@ -174,18 +174,11 @@ INFINITE_TEXTS = ("inf", "+inf", "infinity", "+infinity")
 
 
 def read_urdf(
-    source: str | os.PathLike[str],
-    tip: str | None = None,
-    base: str | None = None,
-    *,
-    name: str | None = None,
-    gravity: ArrayLike | None = None,
-    shapes: bool = False,
-    package_dirs: Folders = None,
-    srdf: str | os.PathLike[str] | None = None,
-    values: Mapping[str, float] | None = None,
+    source: str | os.PathLike[str], tip: str | None = None, base: str | None = None, *, name: str | None = None,
+    gravity: ArrayLike | None = None, shapes: bool = False, package_dirs: Folders = None,
+    srdf: str | os.PathLike[str] | None = None, values: Mapping[str, float] | None = None,
     without_shape: Iterable[str] = (),
-) -> ArmModel:
+) -> ArmModel:  # fmt: skip
     """Read the chain between two links; see `Robot.from_urdf`."""
     folders = None
     if check_flag(shapes, "shapes"):

@@ -185,14 +185,9 @@ def _solve_collision_free(solver: IKSolver, target: ArrayLike, q0: ArrayLike, sc
 
 
 def solve_ik_batch(
-    robot: Robot,
-    targets: ArrayLike,
-    starts: ArrayLike,
-    solver: SolverLike = "lm",
-    *,
-    threads: int | None = None,
+    robot: Robot, targets: ArrayLike, starts: ArrayLike, solver: SolverLike = "lm", *, threads: int | None = None,
     **options: Any,
-) -> IKBatch:
+) -> IKBatch:  # fmt: skip
     """Find configurations for many targets, with the same results as `solve_ik`.
 
     ``lm`` with complete poses uses all cores and vector instructions; other methods solve one target after another. If

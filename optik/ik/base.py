@@ -98,15 +98,9 @@ class IKSolver(ABC):
     """Whether the method can leave components of the pose free."""
 
     def __init__(
-        self,
-        robot: Robot,
-        *,
-        tolerance: ToleranceLike = problem.IK_TOLERANCE,
-        max_iterations: int = 100,
-        max_restarts: int = 0,
-        time_limit: float | None = None,
-        task: Task | str = "pose",
-    ) -> None:
+        self, robot: Robot, *, tolerance: ToleranceLike = problem.IK_TOLERANCE, max_iterations: int = 100,
+        max_restarts: int = 0, time_limit: float | None = None, task: Task | str = "pose",
+    ) -> None:  # fmt: skip
         if not isinstance(robot, Robot):
             raise InvalidInput("robot", type(robot).__name__, "a Robot (optik.load(name), Robot.from_mdh, ...)")
         check_count(max_iterations, "max_iterations", 0, MAX_ATTEMPTS)

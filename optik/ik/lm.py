@@ -80,16 +80,9 @@ class LM(IKSolver):
     name: ClassVar[str] = "lm"
 
     def __init__(
-        self,
-        robot: Robot,
-        *,
-        gain: float = GAIN,
-        max_iterations: int = 50,
-        max_restarts: int = 500,
-        prefer: str | Mapping[str, float] | None = None,
-        posture: ArrayLike | None = None,
-        **options: Any,
-    ) -> None:
+        self, robot: Robot, *, gain: float = GAIN, max_iterations: int = 50, max_restarts: int = 500,
+        prefer: str | Mapping[str, float] | None = None, posture: ArrayLike | None = None, **options: Any,
+    ) -> None:  # fmt: skip
         super().__init__(robot, max_iterations=max_iterations, max_restarts=max_restarts, **options)
         if robot.n > MOST_JOINTS:
             raise InvalidInput("robot", f"{robot.n} joints", f"at most {MOST_JOINTS} for lm; dls takes any number")

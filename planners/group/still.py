@@ -31,13 +31,9 @@ def list_still(frame: Robot) -> list[Array]:
 
 
 def follow_still(
-    chain: Robot,
-    frame: Robot,
-    arm: Robot,
-    still: Sequence[Array],
-    follow: Callable[[Robot], FollowResult],
+    chain: Robot, frame: Robot, arm: Robot, still: Sequence[Array], follow: Callable[[Robot], FollowResult],
     limits: MotionLimits,
-) -> Iterator[JointPath]:
+) -> Iterator[JointPath]:  # fmt: skip
     """Yield joint paths of the chain with the frame still at one of some configurations, those of least travel first."""
     paths = list[tuple[float, JointPath]]()
     for q in still:

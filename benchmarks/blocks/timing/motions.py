@@ -162,15 +162,9 @@ def motion_of(part: LineSet, index: int, seed: int, limits: Sequence[LimitSet] =
 
 
 def draw_motion(
-    robot: str,
-    kind: str,
-    index: int,
-    *,
-    seed: int = 0,
-    path: str = "",
-    payload: float | tuple[float, float] | None = None,
-    limits: Sequence[LimitSet] = (),
-) -> DrawnLine:
+    robot: str, kind: str, index: int, *, seed: int = 0, path: str = "",
+    payload: float | tuple[float, float] | None = None, limits: Sequence[LimitSet] = (),
+) -> DrawnLine:  # fmt: skip
     """Sample one motion, the same for the same robot, kind, index and seed, or read it from a file.
 
     Lines, arcs and seams start at a configuration uniform inside the limits, and turn the tool where the index is odd. They

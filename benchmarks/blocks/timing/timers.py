@@ -126,14 +126,9 @@ def _times(
 
 
 def _timed_rows(
-    block: LawBlock,
-    line: DrawnLine,
-    limits: MotionLimits,
-    solver: IKSolver,
-    joints: JointPath,
-    timers: Sequence[Contestant],
-    journal: Journal,
-) -> list[dict[str, Any]]:
+    block: LawBlock, line: DrawnLine, limits: MotionLimits, solver: IKSolver, joints: JointPath,
+    timers: Sequence[Contestant], journal: Journal,
+) -> list[dict[str, Any]]:  # fmt: skip
     """Return the rows of one line within some limits."""
     times, raws = _times([c for c in timers if not c.ended], joints, block.rounds, journal)
     rows = []

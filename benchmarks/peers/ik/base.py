@@ -197,14 +197,9 @@ class WorkerSolver(WorkerPeer, LoopPeer):
 
 
 def frame_task_loop(
-    configuration: Any,
-    task: Any,
-    pose_of: Callable[[Array], Any],
-    solve_ik: Callable[..., Any],
-    no_solution: type[Exception],
-    iterations: int | None,
-    **options: Any,
-) -> Callable[[Array, Array], tuple[Array, int, bool]]:
+    configuration: Any, task: Any, pose_of: Callable[[Array], Any], solve_ik: Callable[..., Any],
+    no_solution: type[Exception], iterations: int | None, **options: Any,
+) -> Callable[[Array, Array], tuple[Array, int, bool]]:  # fmt: skip
     """Return ``solve_ik(configuration, [task], dt=1)`` and ``integrate_inplace``, repeated until the task's error is small."""
     most = LOOP_ITERATIONS if iterations is None else iterations
 
