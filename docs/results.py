@@ -27,17 +27,22 @@ from benchmarks.provenance import provenance
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "benchmarks/results"
 PAGE, README = RESULTS / "README.md", ROOT / "README.md"
-OURS = {"lm", "optimal", "optik", "stream", "stream, nearest", "closed_form", "sqp", "ipopt"}
+OURS = {"lm", "optimal", "path and time", "own, rounded", "stream", "stream, nearest", "closed_form", "sqp", "ipopt"}
 """Labels that are no peers."""
 BRANCHES, BATCH = "branches/tables/branches.csv", "branches/tables/batch.csv"
 REGULAR, TORQUE = "timing/tables/timing-lines-regular.csv", "torque/tables/timing-torque-joints.csv"
 PANDA = "chunks/tables/chunks-panda.csv"
+SPHERES, RULES, WORLDS = (
+    "obstacles/tables/motion-peers.csv",
+    "obstacles/tables/motion-curobo.csv",
+    "worlds/tables/worlds.csv",
+)
 OBSTACLES = {
-    "obstacles: MotionBenchMaker's Panda on VAMP's spheres": "vamp",
-    "obstacles: the same after cuRobo's rules": "curobo",
-    "worlds of provably safe planners (ARMOUR, SPARROWS)": "worlds",
+    "obstacles: MotionBenchMaker's Panda on VAMP's spheres": SPHERES,
+    "obstacles: the same after cuRobo's rules": RULES,
+    "worlds of provably safe planners (ARMOUR, SPARROWS)": WORLDS,
 }
-"""Files of several rows and plots; those in `obstacles` are measured by scripts that need the data of others."""
+"""Files of several rows and plots."""
 ENOUGH = 99.0
 """Least success rate [%] of the best peer of IK, if any has it: then the fastest one is the best."""
 
@@ -59,7 +64,7 @@ PARTS = (
     Part("torque", str(RESULTS / "torque.toml")),
     Part("seams", "seams"),
     Part("chunks", "chunks"),
-    Part("motionbench", "motionbench", "panda.tar.bz2"),
+    Part("obstacles", "obstacles.toml", "panda.tar.bz2"),
 )
 """Suites, from the shortest doubt to the longest; `branches` is measured here."""
 
@@ -70,6 +75,8 @@ def run_parts(out: Path) -> None:
         if part.needs and not Path(part.needs).exists():
             print(f"not run: {part.name}, which needs {part.needs} in the working folder")
             continue
+        if part.needs:  # files in a suite are relative to it
+            shutil.copy(RESULTS / part.suite, part.suite)
         bench = [sys.executable, "-P", "-m", "benchmarks.cli", "bench"]
         env = os.environ | {"PYTHONPATH": str(ROOT)}
         for words in (
@@ -83,6 +90,11 @@ def run_parts(out: Path) -> None:
         measure_branches(out / "branches.part")
         (out / "branches.part").rename(out / "branches")
     publish(out / "branches", "branches")
+    if "RIVALS" in os.environ:
+        measure_worlds(out / "worlds")
+        publish(out / "worlds", "worlds")
+    else:
+        print("not run: worlds, whose data RIVALS names (tests/figures/rivals.py, hjcd.py)")
 
 
 def publish(run: Path, name: str) -> None:
@@ -159,6 +171,43 @@ def measure_branches(out: Path, count: int = 1000) -> None:
     write_table(out / "tables/branches.csv", rows)
     write_table(out / "tables/batch.csv", batches)
     (out / "run.json").write_text(json.dumps({"suite": "branches", "provenance": provenance(2026, 1)}, indent=1))
+
+
+def measure_worlds(out: Path) -> None:
+    """Plan in the worlds of ARMOUR and SPARROWS, and solve the goals of HJCD-IK, by the scripts of these figures."""
+    out.mkdir(parents=True, exist_ok=True)
+    rows = {}
+    for name in ("rivals", "hjcd"):
+        env = os.environ | {"PYTHONPATH": str(ROOT), "FIGURES": str(out)}
+        subprocess.run([sys.executable, "-W", "ignore", "-m", f"tests.figures.{name}"], env=env, cwd=ROOT, check=False)
+        rows[name] = [json.loads(line) for line in (out / f"{name}.jsonl").read_text().splitlines()]
+    worlds = [row for row in rows["rivals"] if "ends" in row]
+    keys = ("name", "boxes", "ends", "valid", "cpu", "T", "contacts", "torque", "speed")
+    write_table(out / "tables/each-world.csv", [{key: row.get(key, "") for key in keys} for row in worlds])
+    guides = [
+        {key: row.get(key, "") for key in keys[:1] + keys[3:4] + keys[5:]}
+        for row in rows["rivals"]
+        if "ends" not in row
+    ]
+    write_table(out / "tables/guide-motions.csv", guides)
+    free = [row for row in worlds if row["ends"]]
+    write_table(out / "tables/worlds.csv", [{
+        "label": "path and time", "problems": len(free),
+        "solved [%]": 100.0 * sum(row["valid"] for row in free) / len(free),
+        "median_ms [ms]": 1e3 * float(np.median([row["cpu"] for row in free])),
+        "median_duration [s]": float(np.median([row["T"] for row in free if row["valid"]])),
+    }])  # fmt: skip
+    goals = rows["hjcd"]
+    write_table(out / "tables/hjcd.csv", [{
+        "label": "lm", "problems": len(goals), "solved": sum(row["solved"] for row in goals),
+        "median [µs]": float(np.median([row["us"] for row in goals])),
+        "median, random goals [µs]": float(np.median([row["random_us"] for row in goals])),
+    }])  # fmt: skip
+    outside = [
+        {"goal": row["case"], "least widening of all ranges [rad]": row["excess"]} for row in goals if not row["solved"]
+    ]
+    write_table(out / "tables/hjcd-outside.csv", outside)
+    (out / "run.json").write_text(json.dumps({"suite": "worlds", "provenance": provenance(2026, 1)}, indent=1))
 
 
 def write_table(file: Path, rows: list[dict]) -> None:
@@ -280,19 +329,19 @@ def law_line(what: str, file: str, section: str) -> Line:
     return Line(what, "× shortest known, ms", both[0], peer, both[1], f"{int(count):,}", section)
 
 
-OBSTACLE_KEYS = ("valid", "cpu_ms", "duration_s")
-"""Columns of an obstacle file that the table shows: valid motions [%], median CPU time [ms], median duration [s]."""
+OBSTACLE_KEYS = ("solved [%]", "median_ms [ms]", "median_duration [s]")
+"""Columns of a table on obstacles: valid motions [%], median CPU time [ms], median duration [s]."""
 
 
 def obstacle_line(what: str, file: str) -> Line:
-    """Return a row on obstacles; the best peer has most valid motions, then the shortest."""
-    rows = {row["name"]: row for row in read_table(file)}
-    peers = [row for name, row in rows.items() if name not in OURS and row["valid"]]
-    peer = (
-        max(peers, key=lambda row: (float(row["valid"]), -float(row["duration_s"] or "inf")))["name"] if peers else ""
+    """Return a row on obstacles; of the peers with limits on the jerk the one with most valid motions."""
+    rows = {row["label"]: row for row in read_table(file)}
+    peers = [row for name, row in rows.items() if name not in OURS and "toppra" not in name]
+    peer = max(peers, key=lambda row: float(row["solved [%]"]))["label"] if peers else ""
+    ours, theirs = (
+        some(*(number(file, key, label=label) for key in OBSTACLE_KEYS)) for label in ("path and time", peer)
     )
-    ours, theirs = (some(*(number(file, key, name=name) for key in OBSTACLE_KEYS)) for name in ("optik", peer))
-    problems = " / ".join(f"{int(rows[name]['problems']):,}" for name in ("optik", peer) if name in rows)
+    problems = next((f"{int(row['problems']):,}" for row in rows.values()), "")
     return Line(what, "% valid, ms, s", ours, peer, theirs, problems, "obstacles")
 
 
@@ -390,7 +439,7 @@ PLOTS = {
     "batch.svg": ("10,000 targets on all cores: time per target [µs]", BATCH, "label", "per target [µs]"),
     "torque.svg": ("Within torque limits: duration / shortest known", TORQUE, "label", "slowed_down"),
     "chunks.svg": ("Panda: largest acceleration / limit", PANDA, "label", "acceleration"),
-    "obstacles.svg": ("VAMP's set: median duration [s]", "obstacles/vamp.csv", "name", "duration_s"),
+    "obstacles.svg": ("VAMP's set, the first 70: median duration [s]", SPHERES, "label", "median_duration [s]"),
 }
 """Plots of the sections: title, file, and columns of the label and the value."""
 
