@@ -28,6 +28,7 @@ from planners import (
     to_ros,
 )
 from planners.limits import OpenContainer
+from planners.limits.member import MemberValue
 from planners.motion.show import show_motion
 from planners.trajectory import cut_after
 from tests.planners.chains import draw_seam
@@ -139,6 +140,21 @@ def test_a_container_is_judged_over_ground_not_in_the_frame_of_the_table() -> No
         certify(
             group.chain("table", "arm"), None, found.chain_plan.trajectory, MotionLimits(extra={"open_container": 0.3})
         )
+
+
+def test_limits_of_one_member_with_two_masses_are_judged_each_by_its_own() -> None:
+    arm = optik.load("ur5e").with_limits(**RATES)
+    loads = {"light": arm.with_payload(0.5), "heavy": arm.with_payload(4.0)}
+    torques = {
+        f"{name}.torque": MemberValue(robot, tuple(range(6)), np.full(6, 150.0)) for name, robot in loads.items()
+    }
+    q = np.deg2rad([0.0, -70.0, 70.0, -90.0, -90.0, 0.0])
+    found = plan(arm, q + 0.3, q, limits=MotionLimits.of(arm, extra=torques))
+    assert found
+    for name, robot in loads.items():
+        alone = certify(robot, None, found.trajectory, MotionLimits(torque=150.0))
+        assert found.certificate.extra[f"{name}.torque"].ratio == pytest.approx(alone.torque.ratio, abs=1e-9)
+    assert np.abs(np.subtract(*(found.certificate.extra[f"{name}.torque"].ratio for name in loads))).max() > 0.01
 
 
 def test_a_piece_in_two_hands_is_held() -> None:
