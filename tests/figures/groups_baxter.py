@@ -122,11 +122,11 @@ def measure(case: int) -> Row:
         found = planners.plan(group, goal, start, scene=problems["left"].scene, avoid=True)
     except OptikError as error:
         return row | {"solved": False, "why": str(error)[:200]}
-    row |= {"cpu": time.process_time() - began, "solved": bool(found), "paths": found.view.search.paths}
+    row |= {"cpu": time.process_time() - began, "solved": bool(found), "paths": found.chain_plan.search.paths}
     if not found:
         return row | {"why": f"{found.status}: {found.failure.reason}"[:200]}
     q = found.trajectory(np.linspace(0.0, found.duration, INSTANTS))
-    row |= {"T": found.duration, "said": found.view.freedom.outcome, "proved": found.certificate.clearance.proved}
+    row |= {"T": found.duration, "said": found.chain_plan.freedom.outcome, "proved": found.certificate.clearance.proved}
     return row | {"least": spheres.least(names, q, objects)}
 
 

@@ -206,7 +206,7 @@ def test_a_piece_that_is_too_heavy_names_member_and_joint() -> None:
     group = carrying().with_payload(8.0, fraction=(0.4, 0.6))
     limits = {name: MotionLimits.of(robot, torque=25.0) for name, robot in group.members.items()}
     found = plan(group, lift(), tool=("left", "right"), limits=limits)
-    assert not found and found.failure.joint == "left/joint2" and "however slowly" in found.failure.reason
+    assert not found and found.failure.joint == "left/joint2" and "at any speed" in found.failure.reason
 
 
 def test_a_bump_of_one_hand_is_within_the_proved_distance() -> None:
@@ -295,12 +295,12 @@ def test_of_many_shapes_the_first_way_that_is_proved_is_taken(monkeypatch: pytes
     best = plan(group, goal, start, scene=Scene(), avoid=True)
     monkeypatch.setattr("planners.choice.ways.MOST_OPTIMISED_PAIRS", 100)
     first = plan(group, goal, start, scene=Scene(), avoid=True)
-    assert best and "not optimised" not in best.view.freedom.outcome and best.view.search.rounds
-    assert first and "not optimised" in first.view.freedom.outcome and not first.view.search.rounds
+    assert best and "not optimised" not in best.chain_plan.freedom.outcome and best.chain_plan.search.rounds
+    assert first and "not optimised" in first.chain_plan.freedom.outcome and not first.chain_plan.search.rounds
     assert first.clearances["left and right"].proved and first.duration > best.duration
     monkeypatch.setattr("planners.choice.first_paths.MOST_ROUNDINGS", 1)
     pushed = plan(group, goal, start, scene=Scene(), avoid=True)
-    assert pushed and pushed.view.search.rounds
+    assert pushed and pushed.chain_plan.search.rounds
 
 
 def test_motions_of_groups_are_stored_and_sent(tmp_path: Path) -> None:
