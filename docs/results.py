@@ -153,7 +153,7 @@ def measure_branches(out: Path, count: int = 1000) -> None:
     for size in (1, 100, 10_000):
         for label, solve in {
             "lm": lambda size=size: lm.solve_batch(targets[:size], start[:size], threads=cores),
-            "EAIK": lambda size=size: [keep(one.Q) for one in eaik.arm.IK_batched(targets[:size], cores) if len(one.Q)],
+            "EAIK": lambda size=size: eaik.arm.IK_batched(targets[:size], cores),
         }.items():
             solve()
             seconds = []
@@ -257,7 +257,9 @@ def show(value: float) -> str:
         return f"{value:.4f}"
     if 99.0 < value < 100.0:
         return f"{value:.4g}" if value < 99.99 else f"{value:.6g}"
-    if value >= 100.0 or value == int(value):
+    if value == int(value):
+        return f"{value:,.0f}"
+    if value >= 100.0:
         return f"{float(f'{value:.3g}'):,.0f}"
     return f"{value:.3g}" if value >= 0.1 else f"{value:.2g}"
 
@@ -312,7 +314,7 @@ def lines() -> list[Line]:
         ik_line("IK, far initial guess", f"{ik}cold.csv", f"{ik}panda-cold.csv"),
         ik_line("IK, singular or at joint limits", f"{ik}hard-cold.csv", "seven/tables/calls-hard.csv"),
         Line("all branches of 1,000 poses", "branches, µs a pose", of_all[0], peer, of_all[1], "1,000", "all-branches"),
-        Line("batch on all cores, 1 / 10,000 targets", "µs a target", batches[0], "EAIK, all branches", batches[1],
+        Line("batch on all cores, 1 / 10,000 targets", "µs a target", batches[0], "EAIK, all branches, no limits", batches[1],
              "1 / 10,000", "batches"),
         law_line("time laws on lines", REGULAR, "time-laws"),
         law_line("time laws within torque limits", TORQUE, "torque"),
@@ -354,7 +356,7 @@ def seam_line() -> Line:
     )
     count = " / ".join(row["seams"] for file in files for row in read_table(file)[:1])
     return Line(
-        "seams among boxes, panda / ur5e",
+        "seams among boxes, four each, panda with a free turn / ur5e",
         "% certified",
         some(*ours),
         "pose by pose (ours)",
@@ -375,20 +377,16 @@ def stream_line() -> Line:
             ours.append(some(*(number(file, key, label="stream") for key in ("outside", "distance [mrad]"))))
             theirs.append(some(*(number(file, key, label=peers[-1]) for key in ("outside", "distance [mrad]"))))
             count += int(inside[0]["setpoints"])
-    return Line("streams of a policy, panda / ur3e", "set-points outside limits, mrad", sum(ours, ()),
+    return Line("streams of a policy, align=clock, panda / ur3e", "set-points outside limits, mrad", sum(ours, ()),
                 " / ".join(dict.fromkeys(peers)), sum(theirs, ()), f"{count:,} set-points", "streams")  # fmt: skip
 
 
 def cells(line: Line) -> list[str]:
     """Return the cells of a row: what, ours, best peer, ratio, problems."""
+    unit = f"{line.what} [{line.unit.replace(', ', ' · ')}]"
     if not line.ours or not line.theirs:
-        return [
-            line.what,
-            f"{' · '.join(one.text for one in line.ours)} {line.unit}" if line.ours else "not run",
-            "not run",
-            "–",
-            line.problems or "–",
-        ]
+        shown = f"**{' · '.join(one.text for one in line.ours)}**" if line.ours else "not run"
+        return [unit if line.ours else line.what, shown, "not run", "–", line.problems or "–"]
     step = len(line.unit.split(", ")) if len(line.ours) > 1 else 1
     ours, theirs = (" / ".join(" · ".join(one.text for one in side[k : k + step]) for k in range(0, len(side), step))
                     for side in (line.ours, line.theirs))  # fmt: skip
@@ -396,7 +394,7 @@ def cells(line: Line) -> list[str]:
     pairs = [(b, a) for a, b in pairs] if line.unit == "% certified" else pairs  # more is better
     ratios = [show(b.value / a.value) if a.value else "–" for a, b in pairs]
     return [
-        f"{line.what} [{line.unit.replace(', ', ' · ')}]",
+        unit,
         f"**{ours}**",
         f"{line.peer}: {theirs}",
         " / ".join(ratios),

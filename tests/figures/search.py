@@ -30,7 +30,7 @@ ARMS = {"panda": "panda_grasptarget", "ur5": "tool0", "panda_hand": ""}
 KINDS = ("bookshelf_small", "bookshelf_tall", "bookshelf_thin", "box", "cage", "table_pick", "table_under_pick")
 GRASPING = ("hand", "fingers")
 NUMBERS, SAMPLED, BY_COAL, CHECKS = 100, 200, 15, 4000
-VAMP = 4.90
+VAMP = 5.18
 """Mean length of VAMP's simplified paths of the Panda [rad]: its resources/README.md at f6de6a7."""
 
 
