@@ -1,4 +1,4 @@
-"""plan(): follow a path with the joints, time the motion and certify it, in one call."""
+"""plan(): compute a joint path, its timing and its certificate in one call."""
 
 from __future__ import annotations
 
@@ -57,54 +57,60 @@ def plan(
     robot : Robot, or Group
         Arm, or several mechanisms.
     path : Path, Program, (4, 4) array, or (n,) array
-        Path of the tool; or a pose, for the straight line to it; or joints [rad, m], for the straight line in joint space. Of a
-        group also goals by member, joints or poses in the world.
+        Path of the tool. A pose stands for the straight line to it, and joints [rad, m] for the straight line in joint space.
+        For a group, also a mapping from members to goals: joints, or poses in the world.
     q_start : (n,) array, optional
-        Configuration at the path's start [rad, m]; by default the best one there.
+        Configuration at the path's start [rad, m]; by default the configuration that `plan` chooses (see `branch`).
     solver : str, path, type, or IKSolver
         Method of inverse kinematics: a name, a file, a class, or an object.
     timing : str, path, type, or TimeLaw
         Time law: a name, a file, a class, or an object, such as ``make_law("constant_speed", speed=0.1)``.
-    limits : MotionLimits, optional
-        By default the robot's own. Others, such as ``MotionLimits.of(robot, velocity=1, jerk=50)``, must be respected, even if
-        the law does not enforce them.
+    limits : MotionLimits, or mapping of str to MotionLimits, optional
+        By default the limits of the robot. Limits that are given, such as ``MotionLimits.of(robot, velocity=1, jerk=50)``, must
+        be respected, even if the law does not enforce them, unless `allow` names them. For a group, a mapping from members, and
+        ``"path"`` for the speed along the path, to limits.
     samples : int
         Number of equally spaced positions on the path, both ends included, that the method of inverse kinematics solves.
     branch : {"start", "best"}, optional
-        "start", the default with a ``q_start``, keeps its branch. "best" chooses the branch and the whole turns of the joints.
+        "start" stays on the branch of ``q_start``; it is the default if ``q_start`` is given. "best" chooses the branch, and
+        the multiples of 2π of joints that allow them.
     rate : float
         Rate of the controller [1/s], for `Certificate.sampled_jerk`.
     duration : float, optional
-        Duration [s] of the motion. Only the motion of a law that enforces no limit is shortened to it.
+        Duration [s] of the motion. A motion is stretched to it. It is shortened only if the law enforces no limits.
     strict : bool
-        Whether a motion that exceeds a limit that its law enforces is refused. By default it is stretched.
+        If True, a motion that exceeds a limit enforced by its law is refused. If False, the default, it is stretched in time.
     tolerance : Tolerance, or (2,) tuple of float
         Largest distance [m] and angle [rad] between tool and path of a valid motion.
     allow : {"limits", "jerk"}, or both
-        Given limits that the motion may exceed where the law does not enforce them: "jerk", or "limits" for all others.
+        Limits that the motion may exceed if the law does not enforce them: "jerk" for the jerk limits, "limits" for all other
+        limits.
     scene : Scene, optional
         Obstacles and the margin to them. The motion is proved to be collision-free at every instant, also between the links.
     avoid : bool, or str, path, type or Search
-        Whether to search a way around obstacles: to a goal, along a `PointToPoint`, or with the freedoms of a path. A
-        name, a file, a class or an object chooses the search.
+        Whether to search for a collision-free path around the obstacles: to a goal, along a `PointToPoint`, or by the free
+        coordinates of a path. A name, a file, a class or an object chooses the search.
     winding : {"nearest", "exact"}
-        Whether joints without limits may end whole turns away from a goal configuration: "nearest", or not: "exact".
+        "nearest": a joint without limits may end at the goal plus a multiple of 2π. "exact": it ends at the given value.
     resolve : {"auto", "local"}
-        Where following fails, "auto" searches sequences of configurations and freedoms along the path; "local" does not.
+        If the path cannot be followed from one pose to the next, "auto" searches for another sequence of configurations along
+        the path. "local" reports a failure.
     time_limit : float, optional
-        Largest computing time of this search [s]. A budget of configurations always limits it.
+        Largest computing time [s] of the search that ``resolve="auto"`` makes. The number of configurations of this search is
+        always limited.
     reconfigurations : int
         How often the tool may leave the path to continue in another configuration. If it does, the result is a `ProgramPlan`.
     tool : str, or (2,) tuple of str, optional
-        Member of a group whose tool follows the path, or both members that carry a workpiece.
+        Member of a group whose tool follows the path, or both members that carry a workpiece. By default the member other than
+        `frame`, or the first member.
     frame : str, optional
-        Member of a group in whose tool frame the path is given.
+        Member of a group in whose tool frame the path is given. By default the member other than `tool`.
 
     Returns
     -------
     Plan
-        It is false without a valid motion; then `Plan.failure` has the path parameter, the reason and advice. For a
-        `Program` it is a `ProgramPlan`, for a group a `GroupPlan`.
+        ``bool(plan)`` is False if there is no valid motion. `Plan.failure` then has the path parameter, the reason and advice.
+        For a `Program` it is a `ProgramPlan`, for a group a `GroupPlan`.
 
     Raises
     ------
@@ -135,7 +141,7 @@ def plan(
 def _plan(
     robot: Robot, path: Path | Program | ArrayLike, q_start: ArrayLike | None, options: PlanOptions, most: int
 ) -> Plan:
-    """Return the plan of a program, or of one path with at most so many reconfigurations."""
+    """Return the plan of a program, or of one path with at most ``most`` reconfigurations."""
     check_count(most, "reconfigurations", 0)
     if not isinstance(path, Program):
         return _plan_path(robot, path, q_start, options, most)
@@ -151,7 +157,7 @@ def _plan(
 def _plan_path(
     robot: Robot, path: Path | ArrayLike, q_start: ArrayLike | None, options: PlanOptions, most: int = 0
 ) -> Plan:
-    """Return the plan along one path, with at most so many reconfigurations."""
+    """Return the plan along one path, with at most ``most`` reconfigurations."""
     seconds, solver = read_time_limit(options.resolve, options.time_limit), get_solver(robot, options.solver)
     request = _build_request(robot, path, q_start, options, label(solver))
     planner = MotionPlanner(solver, request, options.samples, options.strict, seconds)

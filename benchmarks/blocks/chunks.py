@@ -212,7 +212,7 @@ class ChunkBlock(Block):
     seconds: Annotated[float, numbered("seconds, at least 2", least=2.0)] = key("Duration of each stream.", 10.0, "s")
     limits: LimitSet = key("Limits of the joints, as in `[[timing]]`.")
     rules: Annotated[tuple[Annotated[str, one_of(NEAREST, CHASE, LINEAR, SPLINE, HOLD)], ...], LISTED] = key(
-        "Our stream with `align = nearest`, and the rules that are compared.", (NEAREST, CHASE, LINEAR, SPLINE, HOLD)
+        "Rules that are compared with `stream`, and `stream, nearest`.", (NEAREST, CHASE, LINEAR, SPLINE, HOLD)
     )
 
     @property

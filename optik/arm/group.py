@@ -5,7 +5,7 @@ A TOML file describes a group by its members:
     [members.arm]
     robot = "ur10e"              # a name, or a file relative to this one
     base = { xyz_mm = [0.0, 0.0, 400.0] }                     # optional: where the robot's base frame stands in the world
-    tool = { xyz_mm = [0.0, 0.0, 150.0], rpy_deg = [0.0, 40.0, 0.0] }   # optional: instead of the robot's
+    tool = { xyz_mm = [0.0, 0.0, 150.0], rpy_deg = [0.0, 40.0, 0.0] }   # optional: replaces the tool of the robot
 
     dynamic_limits = { acceleration = 10.0, jerk = 100.0 }    # optional: in rad and m, a number or one for each joint
     payload_kg = 2.0             # optional: at the origin of the tool's frame
@@ -48,7 +48,7 @@ WORLD = "world"
 class Group(ByContent):
     """Several mechanisms in one world on one clock: two arms, or an arm and a positioner.
 
-    A configuration has the joints of all members: in the order of the members, each in its own order.
+    A configuration is the concatenation of the joints of all members, in the order of the members.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ class Group(ByContent):
     Raises
     ------
     InvalidInput
-        Fewer than two members, a name that is empty, ``"world"`` or has a slash, or a member that is no Robot.
+        Fewer than two members, a name that is empty, ``"world"`` or has a slash, or a member that is not a Robot.
     """
 
     members: Mapping[str, Robot]
@@ -103,12 +103,15 @@ class Group(ByContent):
 
     @cached_property
     def joint_names(self) -> tuple[str, ...]:
-        """Names (n) of the joints: the member's name, a slash and its own."""
+        """Names (n) of the joints, as ``MEMBER/JOINT``."""
         return tuple(f"{name}/{joint}" for name, robot in self.members.items() for joint in robot.joint_names)
 
     @cached_property
     def limits(self) -> JointLimits:
-        """Ranges and limits of all joints, infinite where only others are known."""
+        """Ranges and limits of all joints.
+
+        If only some members have a limit, such as on jerk, it is infinite for the joints of the others.
+        """
         robots = self.members.values()
         return JointLimits(**join_limits([one.limits for one in robots], [np.arange(one.n) for one in robots]))
 
@@ -145,7 +148,7 @@ class Group(ByContent):
         Returns
         -------
         dict of (..., k) arrays
-            By member [rad, m].
+            The joints of each member [rad, m], by its name.
         """
         values = real_array(q, "q", f"values of {self.n} joints", (..., self.n))
         return {name: values[..., self.columns(name)] for name in self.members}
@@ -156,7 +159,7 @@ class Group(ByContent):
         Parameters
         ----------
         joints : mapping of str to (..., k) array
-            Joints [rad, m] by member, or one of their derivatives.
+            The joints of each member [rad, m], or one of their derivatives, by its name.
 
         Returns
         -------
@@ -187,15 +190,16 @@ class Group(ByContent):
         Returns
         -------
         dict of (..., 4, 4) arrays
-            By member [1, m].
+            The pose of each tool [1, m], by the name of the member.
         """
         return {name: self.members[name].fk(part) for name, part in self.split(q).items()}
 
     def chain(self, frame: str, tool: str) -> Robot:
-        """Return the arm whose base frame is the tool of one member and whose tool is that of another.
+        """Return the serial chain from the tool of one member to the tool of another.
 
         Its joints are those of `frame` in reverse order, then those of `tool`; `order` has their indices. Its base moves, so it
-        has neither gravity nor masses, and limits on torques and goods are refused for it.
+        has neither gravity nor masses, and limits on torques and on payloads (containers, trays, grips, suction) are refused
+        for it.
 
         Parameters
         ----------
@@ -223,7 +227,7 @@ class Group(ByContent):
         return kept[frame, tool]
 
     def order(self, frame: str, tool: str) -> Indices:
-        """Return the indices in the group of the joints of a chain.
+        """Return the index in the group of each joint of a chain.
 
         Parameters
         ----------
@@ -241,7 +245,9 @@ class Group(ByContent):
     def as_robot(self, tool: str | None = None) -> Robot:
         """Return all members as one robot in the world, which has their joints in the order of the group.
 
-        It has no masses, so limits on torques are refused for it. In its chain, axes lead from each member back to the world.
+        It has no masses, so limits on torques are refused for it. Its serial chain passes through each other member and back to
+        the world, and last through `tool`. On the way back, the axes of a member are repeated in reverse, with the opposite
+        sign. They add no joints.
 
         Parameters
         ----------
@@ -263,7 +269,7 @@ class Group(ByContent):
         return kept.get(tool) or kept.setdefault(tool, join_members(self.members, tool))
 
     def places(self, robot: Robot) -> Indices:
-        """Return the indices in a robot of the joints of the group, by their names.
+        """Return the index in a robot of each joint of the group, found by its name.
 
         Parameters
         ----------
@@ -301,7 +307,7 @@ class Group(ByContent):
             Its inertia about the centre of mass [kg·m²]; by default a point mass.
         fraction : (2,) tuple of float
             Smallest and largest fraction of the mass that the first member carries; the second one carries the remainder.
-            Internal forces, by which both press on the body, are not counted.
+            Internal forces, with which the arms squeeze or stretch the body, are not modelled.
 
         Returns
         -------
@@ -331,7 +337,7 @@ class Group(ByContent):
     # ------------------------------------------------------------ files
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the group as plain data for JSON; `from_dict` restores it to the last bit."""
+        """Return the group as plain data for JSON; `from_dict` restores exactly the same values."""
         return {"members": {name: robot.to_dict() for name, robot in self.members.items()}}
 
     @staticmethod
@@ -364,10 +370,14 @@ class Group(ByContent):
         Parameters
         ----------
         file : str or path
-            A file with a table ``[members.NAME]`` for each member: ``robot``, the name or file of a robot, and optionally
-            ``base``, where its base frame stands, and ``tool``, instead of its own: poses with ``xyz_mm`` and ``rpy_deg``;
-            ``dynamic_limits`` instead of its own: ``velocity``, ``acceleration``, ``jerk``, ``torque``, ``torque_rate``;
-            and ``payload_kg``.
+            A file with a table ``[members.NAME]`` for each member. Its keys are:
+
+            - ``robot``: the name or the file of a robot;
+            - ``base``, optional: the pose of its base frame in the world, with ``xyz_mm`` and ``rpy_deg``;
+            - ``tool``, optional: a pose with ``xyz_mm`` and ``rpy_deg`` that replaces the tool of the robot;
+            - ``dynamic_limits``, optional: ``velocity``, ``acceleration``, ``jerk``, ``torque`` and ``torque_rate``, which
+              replace those of the robot;
+            - ``payload_kg``, optional: a mass at the origin of the tool's frame.
 
         Returns
         -------
@@ -382,7 +392,7 @@ class Group(ByContent):
 
 
 def read_group(name: str) -> Group | None:
-    """Return the group of a TOML file with members; None for any other name or file of a robot."""
+    """Return the group in a TOML file, or None if the argument is the name or file of a single robot."""
     file = Path(name)
     if file.suffix.lower() != ".toml" or not file.is_file():
         return None

@@ -1,4 +1,4 @@
-"""Two arms that carry a workpiece along one path: the joint path of the chain through both, one branch of each."""
+"""Joint paths of two arms that carry a workpiece along one path, for one pair of their branches."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from planners.paths.joint_curve import JointCurve, tool_twists
 Follow = Callable[[IKSolver, Array | None], FollowResult]
 """Returns the joint path of an arm, from a start if one is given."""
 POLISHING_STEPS = 8
-"""Newton steps onto the path of a configuration that the spline of a joint path has at a new node."""
+"""Largest number of Newton steps that correct the spline's configuration at a new node."""
 MOST_BRANCHES = 8
 """Most branches of an arm that are tried."""
 CHECKED = 60
@@ -32,8 +32,9 @@ CHECKED = 60
 def find_derivatives(robot: Robot, path: Path, joints: JointPath, s: Array) -> tuple[Array, Array]:
     """Return configurations on a path (k, n) and their first three derivatives (k, 3, n) at positions, near a joint path.
 
-    At the nodes of the joint path its values are returned. Elsewhere the spline is corrected one order after the other: J δq⁽ᵐ⁾
-    equals the residual of the derivative of order m of the tool. This keeps the null-space motion of a redundant arm.
+    At the nodes, the stored values are returned. Between the nodes, Newton steps correct the configuration of the spline. Its
+    derivatives of orders m = 1, 2, 3 are then corrected by δq⁽ᵐ⁾ with J δq⁽ᵐ⁾ = residual of the tool's derivative of order m.
+    This keeps the null-space motion of a redundant arm.
     """
     place = np.clip(np.searchsorted(joints.nodes, s), 0, len(joints.nodes) - 1)
     same = joints.nodes[place] == s
@@ -74,7 +75,8 @@ def follow_branch_pairs(
 ) -> Iterator[JointPath | FollowResult]:  # fmt: skip
     """Yield joint paths of the chain for pairs of branches of both arms; or the failure of an arm that cannot follow the path.
 
-    The first pair is that which each arm alone would choose. In a scene the other pairs follow, those of the least cost first.
+    The first pair consists of the branches that each arm would choose alone. If there is a scene, the other collision-free
+    pairs follow in order of increasing cost.
     """
     each = []
     for solver, q in zip(solvers, starts, strict=True):

@@ -64,21 +64,24 @@ def combine(
     first: Motion | HasMotion, second: Motion | HasMotion, *, scene: Scene | None = None,
     names: tuple[str, str] = ("left", "right"),
 ) -> GroupPlan:  # fmt: skip
-    """Return two motions on one clock, one of them after the shortest tried wait with which both are proved collision-free.
+    """Synchronise two motions, and delay one of them if that is necessary to prove that they do not collide.
+
+    The shortest of the tried delays that works is used.
 
     Parameters
     ----------
     first, second : Motion or Plan
-        Motions from rest to rest of arms that are placed in the world by their bases. Errors call them by `names`.
+        Motions from rest to rest of arms that are placed in the world by their bases. Error messages use `names` for them.
     scene : Scene, optional
-        Obstacles in the world. Without one, only the members and their distance are examined.
+        Obstacles in the world. By default, only self-collisions and collisions between the members are checked.
     names : (2,) tuple of str
         Names of the two members.
 
     Returns
     -------
     GroupPlan
-        If no tried wait works, it is not solved. It then has the motion without a wait, and the first contact.
+        If no delay works, ``bool(plan)`` is False. The plan then has the motion without a delay, and its `failure` names the
+        first contact.
 
     Raises
     ------
@@ -115,7 +118,7 @@ def combine(
 
 
 def _without_segments(limits: MotionLimits) -> MotionLimits:
-    """Return limits without those of each segment of a path, which the certificate of the member's own motion has."""
+    """Return the limits without the speed limits of path segments. The certificate of the member's own motion covers these."""
     return limits.select(
         tuple(name for name in limits.names if name not in TOOL_SPEEDS or not np.ndim(limits.value(name)))
     )
@@ -130,7 +133,7 @@ def _list_waits(longest: float) -> Iterator[tuple[float, float]]:
 
 
 def _delay(motion: Motion, wait: float, end: float) -> Motion:
-    """Return a motion after a wait, that rests until a common end [s]."""
+    """Return the motion with a rest before it of duration ``wait``, and a rest after it until the time ``end`` [s]."""
     moved = motion.trajectory
     if wait > 0.0:
         moved = join(make_rest(moved(0.0), wait, 0.0 if moved.s is None else float(moved.s[0])), moved)
@@ -140,7 +143,10 @@ def _delay(motion: Motion, wait: float, end: float) -> Motion:
 
 
 def stack_trajectories(each: Sequence[Trajectory], order: Indices) -> Trajectory:
-    """Return motions of the same duration as one, whose joint k is the joint order[k] of all of them in turn."""
+    """Return one trajectory of all joints.
+
+    Its joint k is joint ``order[k]`` of the concatenated joints of the given trajectories, which have the same duration.
+    """
     every = np.sort(np.concatenate([one.knots for one in each]))
     knots = every[np.append(True, np.diff(every) > SAME_KNOT)]
     knots[-1] = every[-1]

@@ -59,7 +59,7 @@ def join_member_limits(group: Group, chain: Robot, limits: Mapping[str, MotionLi
 
 
 def _join(name: str, values: Sequence[tuple[Robot, Any]], order: Indices) -> Array | None:
-    """Return one limit on the rates of the joints of all members, in an order of these; None where none is limited."""
+    """Return the velocity, acceleration or jerk limits of all joints in the given order, or None if no joint has one."""
     if all(value is None for _, value in values):
         return None
     pairs = [np.stack(sides(kind_of(name).array(value, robot.n))) for robot, value in values]

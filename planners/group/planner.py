@@ -34,7 +34,7 @@ from planners.planning.planner import PATH_FRACTION, PathPlanner, PlanOptions, P
 from planners.planning.result import Plan
 from planners.timing import make_law
 
-STILL = ChoiceReport("the given path with the frame still: the chosen paths need more time or motion")
+STILL = ChoiceReport("the frame does not move: motions with a moving frame take longer, or need more joint travel")
 PlanChain = Callable[[Robot, Any, Array | None, PlanOptions], Plan]
 """The planner of one arm."""
 
@@ -45,8 +45,8 @@ def plan_group(
 ) -> GroupPlan:  # fmt: skip
     """Return the plan of a group.
 
-    path: in the tool frame of a member; or of a workpiece that two members carry; or goals by member. names: the frame and the
-    tool; the tool is a pair of members that carry a workpiece.
+    path: a path in the tool frame of a member, a path of a carried workpiece in the world, or goals by member. names: (frame,
+    tool). For a carried workpiece, tool is the pair of members.
     """
     carriers = names[1] if isinstance(names[1], tuple | list) else ()
     for argument, value in zip(("frame", "tool"), names, strict=True) if isinstance(path, Mapping) else ():
@@ -97,7 +97,10 @@ def check_carriers(group: Group, carriers: Sequence[Any], frame: str | None) -> 
 def _carry(
     chain: Robot, arms: Sequence[Robot], path: Any, starts: Sequence[Array | None], options: PlanOptions
 ) -> Plan:
-    """Return the plan of the chain through two arms that carry a workpiece, of the first pair of branches that solves it."""
+    """Return the plan of the chain through two arms that carry a workpiece.
+
+    It uses the first pair of branches that solves it or, if none does, is the failed plan of the first pair.
+    """
     if not isinstance(path, Path) or path.in_joints or path.asked != "pose":
         raise InvalidInput("path", repr(path)[:60], "a path of the workpiece with all six coordinates")
     solvers = [get_solver(arm, options.solver) for arm in arms]
@@ -116,7 +119,7 @@ def _carry(
 def _make_planner(
     chain: Robot, path: Path, solver: IKSolver, options: PlanOptions
 ) -> tuple[PathPlanner, Callable[[IKSolver, Array | None], FollowResult]]:
-    """Return what times and certifies joint paths of a chain, and what follows the path with one arm."""
+    """Return a planner that times and certifies joint paths of a chain, and a function that follows the path with one arm."""
     law, seconds = make_law(options.timing), read_time_limit(options.resolve, options.time_limit)
     law.need(options.limits, chain)
     request = PlanRequest(
@@ -134,7 +137,7 @@ def _make_planner(
 def _plan_still(
     plan: Plan, chain: Robot, members: tuple[Robot, Robot], start: tuple[Array, Array] | None, options: PlanOptions
 ) -> Plan:
-    """Return the plan, or that with the frame still if it takes less time, or as long with less travel.
+    """Return the plan, or a plan with a fixed frame if it is faster, or as fast with less joint travel.
 
     members: those with the frame and with the tool; start: their joints, if they are given.
     """
@@ -161,7 +164,10 @@ def _plan_still(
 
 
 def find_members(group: Group, names: tuple[str | None, str | None]) -> tuple[str, str]:
-    """Return the two members of the chain; by default those that are left."""
+    """Return the members (frame, tool) of the chain.
+
+    A member that is not named is the other one. Without names, the tool is the first member.
+    """
     members = list(group.members)
     if len(members) != 2:
         raise InvalidInput("group", f"{len(members)} members", "two members, for a plan")

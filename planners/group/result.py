@@ -32,23 +32,26 @@ from planners.planning.result import Plan
 from planners.ros.export import RosExport
 from planners.trajectory import Trajectory, map_joints
 
-OF_MEMBER = "of one member"
+OF_MEMBER = "both links belong to one member"
 """Reason why a pair is left out of the distance between two members."""
 
 
 @dataclass(frozen=True, repr=False)
 class GroupPlan:
-    """The plan of a group. ``bool(plan)`` is success: there is a motion, and its certificate is valid.
+    """The plan of a group.
+
+    ``bool(plan)`` is True if there is a motion and its certificate is valid. If two arms carry a workpiece, their own
+    certificates must also be valid.
 
     Attributes
     ----------
     group, limits, scene
-        The arguments of the plan; limits by member, and of ``"path"`` those along the path.
+        The arguments of `plan`. `limits` maps each member to its limits, and ``"path"`` to the limits along the path.
     frame, tool : str
         The member whose tool is the base of the chain, and the member whose tool is its end.
     chain_plan : Plan, or CombinedMotion
-        The plan of the chain, whose joints are in its order; or its motion, if those of the members were given. The certificate
-        has the limits of all members: ``"arm.torque"`` is judged in the arm's own base.
+        The plan of the chain, with the joints in the order of the chain. For `combine`, the combined motion of both members.
+        The certificate has the limits of all members: ``"arm.torque"`` is judged in the arm's own base.
     paths : mapping of str to Path
         Paths in the world of the members that carry a workpiece; else empty.
     member_motions : mapping of str to Motion, optional
@@ -75,7 +78,10 @@ class GroupPlan:
 
     @property
     def remarks(self) -> list[str]:
-        """Lines on what is proved besides the certificate of the chain: of paths in the world, of tools, between members."""
+        """Text lines on the proofs that the certificate of the chain does not contain.
+
+        They state path errors in the world, the relative pose of two tools, and distances between members.
+        """
         lines = list[str]()
         if self.chain_plan.has_motion:
             for name, motion in self._along.items():
@@ -113,7 +119,10 @@ class GroupPlan:
 
     @property
     def motion(self) -> Motion:
-        """The motion of the chain, for files, messages and viewers; raises `NoSolution` if there is none."""
+        """The motion of the chain, for files, messages and viewers; raises `NoSolution` if there is none.
+
+        A result of `combine` has no such motion and raises InvalidInput; use `members`.
+        """
         return replace(self._plan.motion, world=World(self.group, self.scene))
 
     @property
@@ -155,7 +164,7 @@ class GroupPlan:
         return Motion(robot, path, limits, moved, plan.law, enforced, proof.tolerance, scene=scene)
 
     def _find_scene(self, member: str) -> Scene | None:
-        """Return the scene of a member alone, whose links in ``allow`` have its own names."""
+        """Return the scene for one member, with its links in ``allow`` named without the prefix ``MEMBER/``."""
         if self.scene is None:
             return None
         parts = [(link.partition("/"), other) for link, other in self.scene.allow]
@@ -172,7 +181,7 @@ class GroupPlan:
 
     @cached_property
     def clearances(self) -> dict[str, Clearance]:
-        """Proved distances over the motion: of each member to the scene and of its own links, and between the members."""
+        """Proved minimum distances over the motion: of each member to the scene, between its own links, and between members."""
         own = {
             name: clearance(motion.robot, motion.trajectory, motion.scene or Scene())
             for name, motion in self.members.items()
@@ -197,7 +206,10 @@ class GroupPlan:
         return show_page(show_trajectory(plan.robot, plan.trajectory, self.certificate, limits, None, world))
 
     def plot(self) -> Any:
-        """Plot the joints over time against their limits, as `Plan.plot`."""
+        """Plot the joints over time against their limits, as `Plan.plot`.
+
+        A result of `combine` raises InvalidInput; use `members`.
+        """
         return self._plan.plot()
 
     def save(self, file: str | os.PathLike[str], **options: Any) -> RosExport | None:
@@ -206,8 +218,8 @@ class GroupPlan:
         Parameters
         ----------
         file : str or path
-            Its suffix chooses the format, as of `planners.save`. A message of ROS is one file for each member, as of
-            `planners.to_ros`.
+            Its suffix chooses the format, as of `planners.save`. In a ROS format, one file is written for each member (see
+            `planners.to_ros`).
         **options
             As for `planners.save`.
 

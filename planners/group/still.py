@@ -14,13 +14,13 @@ from planners.following.joint_path import JointPath
 from planners.limits.motion_limits import MotionLimits, compute_least_duration
 
 MOST_AXES, ANGLES, TIMED = 2, 8, 2
-"""Most joints of a positioner, the angles of its last one at which it may stand still, and how many of these are timed."""
+"""Largest number of joints of a positioner, number of tried angles of its last joint, and number of motions that are timed."""
 SAMPLES = 64
 """Positions along the path by which the travel of the joints is measured."""
 
 
 def list_still(frame: Robot) -> list[Array]:
-    """Return configurations in which a positioner may stand still; none of a longer frame."""
+    """Return the configurations at which a positioner is tried at rest; an empty list for a frame with more than two joints."""
     if frame.n > MOST_AXES:
         return []
     limits = frame.limits
@@ -55,6 +55,6 @@ def _hold(chain: Robot, joints: JointPath, q: Array) -> JointPath:
 
 
 def _estimate_duration(joints: JointPath, limits: MotionLimits) -> float:
-    """Return the least duration of the joint that needs most for its travel [s]."""
+    """Return an estimate of the duration [s]: the largest minimum time of any joint for its travel."""
     travel = np.abs(np.diff(joints(np.linspace(0.0, joints.end, SAMPLES)), axis=0)).sum(axis=0)
     return compute_least_duration(travel, limits)

@@ -91,7 +91,7 @@ def measure(case: int) -> Row:
         ],
         axis=1,
     )
-    row: Row = {"solved": bool(both), "wait": max(both.view.waits.values()), "coal": oracle.least(alone)}
+    row: Row = {"solved": bool(both), "wait": max(both.chain_plan.waits.values()), "coal": oracle.least(alone)}
     row["proved"] = row["solved"] and row["wait"] == 0.0
     row["waited"] = oracle.least(sample(both)) if row["wait"] else row["coal"]
     if row["solved"]:

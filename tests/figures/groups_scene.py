@@ -88,7 +88,7 @@ def draw(case: int) -> tuple[Group, str, str, Path, Scene, Any]:
         if known is None:
             continue
         scene = draw_boxes(rng, group, known)
-        if clearance(chain_in_scene(group, frame, tool, scene), known.view.trajectory, Scene()).proved:
+        if clearance(chain_in_scene(group, frame, tool, scene), known.chain_plan.trajectory, Scene()).proved:
             return group, frame, tool, seam, scene, known
 
 
@@ -103,7 +103,7 @@ def measure(case: int) -> Row:
     usual = planners.plan(group, seam, tool=tool, frame=frame)
     row: Row = {"held": case >= ON_TABLE, "known": known.duration, "in_way": True}
     if usual:
-        q = usual.view.trajectory(np.linspace(0.0, usual.duration, 300))
+        q = usual.chain_plan.trajectory(np.linspace(0.0, usual.duration, 300))
         row["in_way"] = bool(find_nearest_pairs(chain_in_scene(group, frame, tool, scene), Scene(), q)[0].min() <= 0.0)
     began = time.process_time()
     found = planners.plan(group, seam, tool=tool, frame=frame, scene=scene)
