@@ -21,6 +21,21 @@ from optik.registry import check_name, data_file
 SUITES = "benchmarks.suites"
 """The package in which a suite is found by its name."""
 
+REMOVED = {
+    "answers": "[[budgets]] with a single budget, which stores every answer, too",
+    "first_use": "`python -X importtime -c 'import optik'`, or a timer of processes",
+    "blocks": "[[budgets]]",
+    "speed": "[[calls]]",
+    "line": '[[timing]] with lines = [{ kind = "line", … }] and detail = true',
+}
+"""Keys of earlier versions, and what replaces them."""
+
+REMOVED_MOTIONS = {
+    "iso": "spots, or a program that executes its cycles with planners.cell.make_drive('mujoco', robot)",
+    "laws": "spots, or [[timing]] for time laws; planners.cell.make_drive('mujoco', robot) executes their plans",
+}
+"""Values of `what` in [[cell]] of earlier versions, and what replaces them."""
+
 OWN_KEYS = {
     "title": ("Heading of the report.", "the suite's name"),
     "seed": ("Seed of all random numbers, 0 or more.", "0"),
@@ -139,6 +154,8 @@ def suite_of(name: str, data: dict[str, Any]) -> Suite:
 
 def _kind(key: str) -> Kind:
     """Return the kind of block that a key of a suite names."""
+    if key in REMOVED:
+        raise InvalidInput("the suite", f"the key {key!r} of an earlier version", f"use {REMOVED[key]}")
     if is_path(key):
         raise InvalidInput("the suite", f"the key {key!r}", "a kind of block of an installed package, not a file")
     try:
@@ -151,7 +168,22 @@ def _blocks(kind: Kind, data: Any) -> tuple[Block, ...]:
     """Return all blocks of a kind."""
     if not isinstance(data, list):
         raise InvalidInput(f"the suite: {kind.name}", repr(data)[:60], f"a list of tables: [[{kind.name}]]")
+    for item in data:
+        if _is_removed(kind.name, item):
+            came = f"{item['what']!r} of an earlier version"
+            raise InvalidInput(f"{kind.name} {item.get('id', '')!r}: what", came, REMOVED_MOTIONS[item["what"]])
     return tuple(kind.settings(item) for item in data)
+
+
+def _is_removed(key: str, item: Any) -> bool:
+    """Return whether a block is of a type of an earlier version."""
+    return key == "cell" and isinstance(item, dict) and item.get("what") in REMOVED_MOTIONS
+
+
+def drop_removed(settings: dict[str, Any]) -> dict[str, Any]:
+    """Return the settings of a run without keys and blocks of earlier versions, so that the others can be shown."""
+    kept = {key: value for key, value in settings.items() if key not in REMOVED}
+    return kept | {key: [b for b in kept[key] if not _is_removed(key, b)] for key in ("cell",) if key in kept}
 
 
 def _check_files(ids: list[str]) -> None:

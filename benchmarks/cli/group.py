@@ -25,7 +25,7 @@ OF_ONE_ARM = (
     "torque_rate", "rms_torque", "cycle", "stopping_time", "stopping_distance",
 )  # fmt: skip
 """Options of one arm, which are refused with a group."""
-TOOL_HELP = "Member of a group whose tool follows the path; or two members that carry a piece along it: left,right."
+TOOL_HELP = "Member of a group whose tool follows the path; or two members that carry a workpiece along it: left,right."
 FRAME_HELP = "Member of a group in whose tool frame the path is given; by default the other one."
 """Help of the options that name members."""
 
@@ -41,7 +41,7 @@ def read_typed_group(robot: str, tool: str | None, frame: str | None) -> optik.G
 
 
 def find_chain(group: optik.Group, tool: str | None, frame: str | None) -> optik.Robot:
-    """Return the chain whose tool follows the path; of two members that carry a piece, the first one."""
+    """Return the chain whose tool follows the path; of two members that carry a workpiece, the first one."""
     from planners.group.planner import check_carriers, find_members
 
     if tool is None and frame is None:
@@ -98,7 +98,7 @@ class GroupCommand(MotionCommand):
         if self.group is None:
             return super().load_start()
         arm, (q, words) = self.load(), read_start(self.group, self.start_deg)
-        # Two members that carry a piece start where their path does.
+        # Two members that carry a workpiece start where their path does.
         return Start(arm, q[find_order(self.group, arm)], words if arm.n == self.group.n else "", bool(words))
 
     def find_joints(self, start: Start) -> Any:

@@ -17,7 +17,7 @@ from benchmarks.records import MANIFEST, RunFolder, slug
 from benchmarks.report.boards import Json, method_colour, method_dash, method_symbol
 from benchmarks.report.tables import Column, Table, table_of
 from benchmarks.statistics import is_too_few
-from benchmarks.suite import Suite, suite_of
+from benchmarks.suite import Suite, drop_removed, suite_of
 from optik.arm.library import load
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
@@ -158,7 +158,7 @@ class Run:
             collect_plugins(None),
             forbid_code(),
         ):  # its files may be gone, and a report runs no code that a suite names
-            return suite_of(self.manifest["suite"], self.manifest["settings"])
+            return suite_of(self.manifest["suite"], drop_removed(self.manifest["settings"]))
 
     def robot(self, name: str) -> Robot:
         """Return an arm of the suite: from the data stored in the run, or one that comes with optik."""

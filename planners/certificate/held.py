@@ -1,4 +1,4 @@
-"""The relative pose of two tools that hold one piece: proved bounds over a motion."""
+"""The relative pose of two tools that hold one workpiece: proved bounds over a motion."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from planners.trajectory import Trajectory
 
 
 class HeldPose(NamedTuple):
-    """Proved bounds on the distance [m] and the angle [rad] between two tools that carry a piece, and the largest values found.
+    """Proved bounds on the distance [m] and the angle [rad] between two tools that carry a workpiece, and the largest values found.
 
     `distance_per_ms` and `angle_per_ms` bound what a millisecond between the clocks of both controllers adds.
     """

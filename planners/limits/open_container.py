@@ -1,4 +1,4 @@
-"""Limit on the tilt of an open container: the angle between the apparent gravity and its axis."""
+"""Limit on the tilt of an open container: the angle between its axis and the direction opposite to the apparent gravity."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class OpenContainer(Record):
     Parameters
     ----------
     angle : float
-        Greatest angle between the apparent gravity and the container's axis [rad].
+        Greatest angle between the container's axis and the direction opposite to the apparent gravity [rad].
     axis : (3,) or str
         The axis that points up, in the tool's frame; or a name such as ``"-z"``.
     com : (3,) array, optional
