@@ -15,7 +15,7 @@ from planners.trajectory import Trajectory
 
 
 class HeldPose(NamedTuple):
-    """Proved bounds on the distance [m] and the angle [rad] between two tools that carry a workpiece, and the largest values found.
+    """Proved bounds on the distance [m] and the angle [rad] between two tools that carry a workpiece, and the largest found.
 
     `distance_per_ms` and `angle_per_ms` bound what a millisecond between the clocks of both controllers adds.
     """
