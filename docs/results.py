@@ -101,7 +101,8 @@ def publish(run: Path, name: str) -> None:
     """Copy the manifest, without the working folder, and the tables of a run."""
     shutil.rmtree(RESULTS / name / "tables", ignore_errors=True)
     shutil.copytree(run / "tables", RESULTS / name / "tables")
-    words = (run / "run.json").read_text(encoding="utf-8").replace(f'"{Path.cwd()}/', '"')  # no path of this machine
+    words = (run / "run.json").read_text(encoding="utf-8")
+    words = re.sub(r'(?<=[" ])/[^" ]*/', "", words)  # no path of this machine
     (RESULTS / name / "run.json").write_text(words, encoding="utf-8")
 
 
