@@ -147,9 +147,7 @@ def _plan_still(
     first = start[0] if start else plan.trajectory(0.0)[: frame.n][::-1] if plan.has_motion else None
     still = [] if first is None else [first]
     still += [] if start else list_still(frame)
-    options = replace(
-        options, resolve="local"
-    )  # a path that needs a search with the frame still moves the frame better
+    options = replace(options, resolve="local")  # a search along the whole path would cost more than it gains
     planner, follow = _make_planner(chain, path, get_solver(chain, options.solver), options)
 
     def follow_arm(moved: Robot) -> FollowResult:

@@ -37,8 +37,8 @@ def follow_still(
     """Yield joint paths of the chain with the frame still at one of some configurations, those of least travel first."""
     paths = list[tuple[float, JointPath]]()
     for q in still:
-        joints = follow(arm.with_base(se3.inverse(frame.fk(q)))).joint_path
-        if joints is not None:
+        result = follow(arm.with_base(se3.inverse(frame.fk(q))))
+        if result and (joints := result.joint_path) is not None:  # else it has a part of the path
             paths.append((_estimate_duration(joints, limits), _hold(chain, joints, q)))
     for _, joints in sorted(paths, key=lambda one: one[0])[:TIMED]:
         yield joints

@@ -31,6 +31,7 @@ from planners.limits import OpenContainer
 from planners.limits.member import MemberValue
 from planners.motion.show import show_motion
 from planners.trajectory import cut_after
+from tests.figures import groups_seams
 from tests.planners.chains import draw_seam
 
 TILT, TURN = np.array([[0, 0, 1, 0], [1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0, 1.0]]), np.pi
@@ -117,6 +118,18 @@ def test_a_table_that_stands_still_is_tried_too() -> None:
     assert stood
     seam, start, least = stood[0]
     assert plan(group, seam, start, tool="arm", frame="table").duration <= 1.003 * least
+
+
+@pytest.mark.parametrize("case", [6, 18])
+def test_a_table_at_rest_from_which_the_seam_is_out_of_reach_hides_no_better_one(case: int) -> None:
+    name, axes = list(groups_seams.ARMS)[case % 4], 2 - (case // 4) % 2
+    group = groups_seams.make_group(name, axes)
+    seam = draw_seam(np.random.default_rng([case, 58]), groups_seams.ARMS[name][1])
+    arm, frame, ends = group.members["arm"], group.members["table"], np.eye(axes)[-1] * np.pi / 4
+    alone = [plan(arm.with_base(se3.inverse(frame.fk(k * ends))), seam) for k in range(8)]
+    assert any(alone) and not all(alone)
+    found = plan(group, seam, tool="arm", frame="table")
+    assert found and found.duration <= 1.003 * min(one.duration for one in alone if one)
 
 
 def test_a_container_is_judged_over_ground_not_in_the_frame_of_the_table() -> None:
