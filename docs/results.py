@@ -70,8 +70,13 @@ PARTS = (
 
 
 def run_parts(out: Path) -> None:
-    """Run the parts that are not finished; a part without its data is left out, and says so."""
+    """Run the parts that are not finished, then publish all; a part without its data is left out, and says so.
+
+    Nothing is published before the end, so that the checkout is that of the commit in all parts.
+    """
+    made = list[str]()
     for part in PARTS:
+        begin = time.monotonic()
         if part.needs and not Path(part.needs).exists():
             print(f"not run: {part.name}, which needs {part.needs} in the working folder")
             continue
@@ -85,16 +90,19 @@ def run_parts(out: Path) -> None:
         ):
             if subprocess.run([*bench, *words], env=env, check=False).returncode not in (0, 1):
                 sys.exit(f"{part.name}: stopped; repeat the command to resume")
-        publish(out / part.name, part.name)
+        print(f"{part.name}: {time.monotonic() - begin:.0f} s")
+        made.append(part.name)
     if not (out / "branches").exists():
         measure_branches(out / "branches.part")
         (out / "branches.part").rename(out / "branches")
-    publish(out / "branches", "branches")
+    made.append("branches")
     if "RIVALS" in os.environ:
         measure_worlds(out / "worlds")
-        publish(out / "worlds", "worlds")
+        made.append("worlds")
     else:
         print("not run: worlds, whose data RIVALS names (tests/figures/rivals.py, hjcd.py)")
+    for name in made:
+        publish(out / name, name)
 
 
 def publish(run: Path, name: str) -> None:

@@ -178,37 +178,26 @@ def _between(path: Array, s: Array) -> Array:
     return np.concatenate([inner.reshape(-1, q.shape[1]), q[-1:]])
 
 
-def find_guess(found: Plan | None, near: float, s: Array) -> tuple[Array, Array] | None:
-    """Return the coefficients of a coarse plan and its joints at grid points s, if there is one that takes at most `near` [s].
-
-    A slower plan may be on a detour, which the iteration cannot leave.
-    """
-    if found is None or not isinstance(found.path, PointToPoint) or found.trajectory.duration > near:
-        return None
-    return found.path.coefficients, np.stack([found.joint_path(s, order) for order in range(4)])
-
-
 def choose_in_scene(
-    choice: Choice, scene: Scene, fixed: Plan, plan_along: Callable[[FreePath | PointToPoint, Array], Plan],
-    guess: tuple[Array, Array] | None = None, enough: float = 0.0,
-) -> tuple[Plan, int]:  # fmt: skip
+    choice: Choice, scene: Scene, fixed: Plan, plan_along: Callable[..., Plan], enough: float, most: float
+) -> tuple[Plan, int]:
     """Return the fastest plan that is valid in a scene, or the one along the initial path; and the rounds.
 
-    Every round starts from the initial path, because the iteration cannot leave an obstacle, or from a better guess if one is
-    given. An iteration ends at a duration of `enough` [s]. If no valid plan is found and the number of coefficients was not
-    given, more coefficients are tried.
+    Every round starts from the initial path, because the iteration cannot leave an obstacle. An iteration ends at a duration of
+    `enough` [s], and there are no further rounds above `most` [s], since a round adds limits. If no valid plan is found and the
+    number of coefficients was not given, more coefficients are tried. A slower plan than `enough` is timed on the finest grid.
     """
     best, tried, rounds, steps = fixed, 0, 0, 0
     pairs = NearPairs(choice.robot, scene, choice.programme.K + 1)
     for finer in itertools.chain([choice], choice.refine()):
         before = tried
-        for p, near in [guess] if guess else finer.guesses():
+        for p, near in finer.guesses():
             if best and tried - before >= ENOUGH_GUESSES:
                 break
             tried, pushed = tried + 1, push_out(finer, scene, p, near, pairs)
             if pushed is None:
                 continue
-            plan, counts = _clear(finer, scene, pushed, plan_along, enough, pairs)
+            plan, counts = _clear(finer, scene, pushed, plan_along, (enough, most), pairs)
             rounds, steps = rounds + counts[0], steps + counts[1]
             if not (best or plan):
                 plan = plan_along(finer.path_of(pushed[0]), pushed[1][0, 0])
@@ -217,23 +206,27 @@ def choose_in_scene(
         if best:
             break
     outcome = "the initial path: no other is proved and shorter in time" if best is fixed else CHOSEN
+    if best and best.trajectory.duration > enough:
+        best = min(best, plan_along(best.path, best.joint_path(0.0), FINEST), key=_order)
     duration = fixed.trajectory.duration if fixed else best.trajectory.duration
     return replace(best, freedom=report(best, ChoiceReport(outcome, np.nan, tried, steps), duration)), rounds
 
 
 def _clear(
-    choice: Choice, scene: Scene, first: tuple[Array, Array], plan_along: Callable[[FreePath | PointToPoint, Array], Plan],
-    enough: float, pairs: NearPairs,
+    choice: Choice, scene: Scene, first: tuple[Array, Array], plan_along: Callable[..., Plan], wanted: tuple[float, float],
+    pairs: NearPairs,
 ) -> tuple[Plan | None, tuple[int, int]]:  # fmt: skip
     """Return the fastest plan from a free initial path or None if none is valid, and the rounds and Newton steps."""
     (p, near), s, steps = first, choice.optimum.programme.s, 0
     cuts = Cuts(choice.robot, scene, near[0], pairs)
     for rounds in range(1, MOST_CUTS + 1):
         programme = FreeProgramme(choice.optimum.programme, *choice.parts, *choice.statics, cuts.limits(choice))
-        solution = solve_coefficients(programme, p, choice.bounds, near, damping=choice.damping, enough=enough)
+        solution = solve_coefficients(programme, p, choice.bounds, near, damping=choice.damping, enough=wanted[0])
         if solution is None:
             break
         steps += solution.steps
+        if solution.duration > wanted[1]:
+            break
         if cuts.add_touched(_between(solution.path, s)):
             continue
         plan = plan_along(choice.path_of(solution.p), solution.path[0, 0])
@@ -255,18 +248,19 @@ FEW_SEGMENTS = 20
 ENOUGH_GAIN = 0.01
 """If the chosen motion is shorter by less than this fraction than the motion along its initial path, another initial path is
 tried."""
-DENSITIES = (1.0, 2.0)
-"""Grid intervals around obstacles, as multiples of the law's default: between few grid points, bent paths exceed limits."""
+DENSITIES, FINEST = (1.0, 2.0), 4.0
+"""Grid intervals around obstacles, as multiples of the law's default. The second is used if no motion on the first is valid,
+because bent paths exceed limits between few grid points. The chosen path is timed again on the finest grid."""
 ENOUGH_NEAR, FAST, NOT_FAR = 1.005, 1.01, 1.1
-"""Ratios of a duration to the least one of a joint move. Up to `ENOUGH_NEAR`, the coarse grid suffices. Up to `FAST`, an
-iteration ends, and the law shortens the motion along its path. Up to `NOT_FAR`, the fine grid starts from the coarse result."""
+"""Ratios of a duration to the least one of a joint move. Up to `ENOUGH_NEAR`, no other initial path is tried. Up to `FAST`, an
+iteration ends, and the law shortens the motion along its path. Up to `NOT_FAR`, one motion that was shortened is enough."""
 MOST_OPTIMISED_PAIRS = 1000
 """Pairs of shapes of a chain through several mechanisms up to which the way around obstacles is optimised: of two arms with 40
 capsules each in a shelf, this takes 2 to 20 s, and the motion along the first path 0.5 s."""
 EARLY_RESTART = 1000
 """Samples before the first restart of the search there, from which on every second sample is local: half the time of 5,000."""
-MAY_GAIN = 1.05
-"""Largest ratio of the duration on the coarse grid to the best one of other initial paths for which the fine grid is tried."""
+MAY_GAIN = 1.02
+"""Largest ratio of the duration in a round to the best one of other initial paths for which there is a further round."""
 
 
 def choose_on_path(
@@ -321,9 +315,11 @@ def choose_searched(
     paths = 1 if isinstance(path, PointToPoint) and _is_first_enough(request.robot, scene) else SEARCHES
     usual: SearchLike = RRTConnect(restart=EARLY_RESTART) if paths == 1 else DEFAULT_SEARCH
     search = usual if isinstance(request.avoid, bool) else request.avoid
+    grids = DENSITIES if isinstance(path, PointToPoint) else DENSITIES[1:]
     initial = (
         find_first_paths(path, scene, search, request.winding, paths) if isinstance(path, PointToPoint) else [None]
     )
+    firsts = list[tuple[FreePath | PointToPoint, FollowResult]]()
     for first in itertools.islice(initial, MOST_WAYS):
         tried += 1
         if first is not None:
@@ -333,17 +329,24 @@ def choose_searched(
                 break
             followed, path = planner.follow(first.found, None, None, None), first.found
         before = min((one.trajectory.duration for one in plans if one), default=np.inf)
-        plan, more = _plan_around(planner, path, followed, before, ways, held=held, optimise=paths > 1)
+        plan, more = _plan_around(planner, path, followed, grids[0], before, ways, held=held, optimise=paths > 1)
         plans, rounds = [*plans, plan], rounds + more
+        firsts.append((path, followed))
         if plan and (paths == 1 or not isinstance(request.law, Optimal) or _is_enough(plans)):
             break
-    else:
-        if paths == 1:  # no first path is proved
-            plan, rounds = _plan_around(planner, path, followed, np.inf, ways, held=held, optimise=True)
-            plans.append(plan)
+    best = min(plans, key=_order)
+    for (path, followed), density in itertools.product(firsts, grids if paths == 1 else grids[1:]):
+        if best:
+            break
+        best, more = _plan_around(planner, path, followed, density, np.inf, ways, held=held, optimise=True)
+        rounds += more
     summary = SearchReport(label(search) if isinstance(search, Search) else short_name(search), samples, rounds, tried)
-    best = min(plans, key=lambda one: (not one, one.trajectory.duration if one else 0.0))
     return replace(best, search=summary, failure=advise_elbow(best.failure, best.path, request.robot))
+
+
+def _order(plan: Plan) -> tuple[bool, float]:
+    """Return the key of the fastest valid plan."""
+    return not plan, plan.trajectory.duration if plan else 0.0
 
 
 def _is_first_enough(robot: Robot, scene: Scene) -> bool:
@@ -355,36 +358,26 @@ def _is_first_enough(robot: Robot, scene: Scene) -> bool:
 def _is_enough(plans: list[Plan]) -> bool:
     """Return whether no other initial path need be tried: the last motion is nearly the fastest, or one was shortened."""
     over = plans[-1].trajectory.duration / (plans[-1].least_duration or np.inf)
-    gained = any(one.freedom is not None and one.freedom.gain > ENOUGH_GAIN for one in plans if one)
+    made = [one.freedom for one in plans if one and one.freedom is not None]
+    # the gain is 0 if the initial path is in contact
+    gained = any(one.outcome == CHOSEN and not 0.0 < one.gain <= ENOUGH_GAIN for one in made)
     return 0.0 < over <= ENOUGH_NEAR or (gained and (len(plans) > 1 or over <= NOT_FAR))
 
 
 def _plan_around(
-    planner: PathPlanner, path: FreePath | PointToPoint, followed: FollowResult, before: float, ways: Sequence[FreeWay], *,
-    held: bool, optimise: bool,
+    planner: PathPlanner, path: FreePath | PointToPoint, followed: FollowResult, density: float, before: float,
+    ways: Sequence[FreeWay], *, held: bool, optimise: bool,
 ) -> tuple[Plan, int]:  # fmt: skip
-    """Return the fastest plan from one initial path, and the rounds.
-
-    A move of joints is planned on the coarse grid first. The fine one is left out if the motion is nearly the fastest
-    possible, or clearly slower than that from another initial path, `before` [s].
-    """
-    rounds, best, scene = 0, None, planner.request.scene
+    """Return the fastest plan from one initial path on a grid, and the rounds; `before` is the best duration of others [s]."""
+    scene = planner.request.scene
     assert scene is not None
-    for density in DENSITIES if isinstance(path, PointToPoint) else DENSITIES[1:]:
 
-        def plan_along(chosen: FreePath | PointToPoint, q: Array, density: float = density) -> Plan:
-            return planner.time(chosen, planner.follow_from(chosen, q, None), None, density)[0]
+    def plan_along(chosen: FreePath | PointToPoint, q: Array, density: float = density) -> Plan:
+        return planner.time(chosen, planner.follow_from(chosen, q, None), None, density)[0]
 
-        fixed, optimum = planner.time(path, followed, None, density)
-        if optimum is None or not optimise:
-            made = FIXED if optimum is None else ChoiceReport("the first path, which is not optimised")
-            plan = replace(fixed, freedom=report(fixed, made)) if fixed.has_motion else fixed
-            return best or plan, rounds
-        choice, least = make_choice(path, fixed.joint_path, optimum, held=held, ways=ways), fixed.least_duration or 0.0
-        guess = find_guess(best, NOT_FAR * least, optimum.programme.s)
-        plan, count = choose_in_scene(choice, scene, fixed, plan_along, guess, FAST * least)
-        rounds += count
-        best = plan if plan and (best is None or plan.trajectory.duration < best.trajectory.duration) else best
-        if plan and not ENOUGH_NEAR * least < plan.trajectory.duration <= MAY_GAIN * before:
-            break
-    return best or plan, rounds
+    fixed, optimum = planner.time(path, followed, None, density)
+    if optimum is None or not optimise:
+        made = FIXED if optimum is None else ChoiceReport("the first path, which is not optimised")
+        return replace(fixed, freedom=report(fixed, made)) if fixed.has_motion else fixed, 0
+    choice, least = make_choice(path, fixed.joint_path, optimum, held=held, ways=ways), fixed.least_duration or 0.0
+    return choose_in_scene(choice, scene, fixed, plan_along, FAST * least, MAY_GAIN * before)

@@ -12,12 +12,13 @@ class CasadiFatrop(CasadiProgramme):
 
     solver = "fatrop"
     options: ClassVar[dict[str, Any]] = {
-        "print_time": False, "structure_detection": "auto", "fatrop": {"print_level": 0, "max_iter": NLP_ITERATIONS},
+        "print_time": False, "expand": True, "structure_detection": "auto",
+        "fatrop": {"print_level": 0, "max_iter": NLP_ITERATIONS},
     }  # fmt: skip
     settings = (
         f"nlpsol with fatrop, structure detected: states ṡ and s̈ at {NLP_INTERVALS + 1} fixed nodes, free time steps, "
         "constant s⃛ between; limits at the nodes; initial guess a quintic motion from rest to rest; "
-        f"at most {NLP_ITERATIONS} iterations, otherwise default options"
+        f"expanded to scalar operations; at most {NLP_ITERATIONS} iterations, otherwise default options"
     )
 
 

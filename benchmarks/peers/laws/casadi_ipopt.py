@@ -13,12 +13,13 @@ class CasadiIPOPT(CasadiProgramme):
     solver = "ipopt"
     options: ClassVar[dict[str, Any]] = {
         "print_time": False,
+        "expand": True,
         "ipopt": {"print_level": 0, "sb": "yes", "max_iter": NLP_ITERATIONS},
     }
     settings = (
         f"nlpsol with ipopt: states ṡ and s̈ at {NLP_INTERVALS + 1} fixed nodes, free time steps, constant s⃛ between; limits at "
-        f"the nodes; initial guess a quintic motion from rest to rest; at most {NLP_ITERATIONS} iterations, otherwise default "
-        "options"
+        f"the nodes; initial guess a quintic motion from rest to rest; expanded to scalar operations; at most {NLP_ITERATIONS} "
+        "iterations, otherwise default options"
     )
 
 
