@@ -185,7 +185,7 @@ def choose_in_scene(
 
     Every round starts from the initial path, because the iteration cannot leave an obstacle. An iteration ends at a duration of
     `enough` [s], and there are no further rounds above `most` [s], since a round adds limits. If no valid plan is found and the
-    number of coefficients was not given, more coefficients are tried. A slower plan than `enough` is timed on the finest grid.
+    number of coefficients was not given, more coefficients are tried. A slower move than `enough` is timed on the finer grid.
     """
     best, tried, rounds, steps = fixed, 0, 0, 0
     pairs = NearPairs(choice.robot, scene, choice.programme.K + 1)
@@ -206,8 +206,8 @@ def choose_in_scene(
         if best:
             break
     outcome = "the initial path: no other is proved and shorter in time" if best is fixed else CHOSEN
-    if best and best.trajectory.duration > enough:
-        best = min(best, plan_along(best.path, best.joint_path(0.0), FINEST), key=_order)
+    if best and isinstance(best.path, PointToPoint) and best.trajectory.duration > enough:
+        best = min(best, plan_along(best.path, best.joint_path(0.0), DENSITIES[-1]), key=_order)
     duration = fixed.trajectory.duration if fixed else best.trajectory.duration
     return replace(best, freedom=report(best, ChoiceReport(outcome, np.nan, tried, steps), duration)), rounds
 
@@ -248,9 +248,9 @@ FEW_SEGMENTS = 20
 ENOUGH_GAIN = 0.01
 """If the chosen motion is shorter by less than this fraction than the motion along its initial path, another initial path is
 tried."""
-DENSITIES, FINEST = (1.0, 2.0), 4.0
-"""Grid intervals around obstacles, as multiples of the law's default. The second is used if no motion on the first is valid,
-because bent paths exceed limits between few grid points. The chosen path is timed again on the finest grid."""
+DENSITIES = (1.0, 2.0)
+"""Grid intervals around obstacles, as multiples of the law's default. Joint moves are chosen on the first, or on the
+second: between few grid points, bent paths exceed limits. They are timed again on the second."""
 ENOUGH_NEAR, FAST, NOT_FAR = 1.005, 1.01, 1.1
 """Ratios of a duration to the least one of a joint move. Up to `ENOUGH_NEAR`, no other initial path is tried. Up to `FAST`, an
 iteration ends, and the law shortens the motion along its path. Up to `NOT_FAR`, one motion that was shortened is enough."""
