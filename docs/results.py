@@ -62,9 +62,9 @@ PARTS = (
     Part("seven", str(RESULTS / "seven.toml")),
     Part("timing", "timing"),
     Part("torque", str(RESULTS / "torque.toml")),
-    Part("seams", "seams"),
     Part("chunks", "chunks"),
     Part("obstacles", "obstacles.toml", "panda.tar.bz2"),
+    Part("seams", "seams"),
 )
 """Suites, from the shortest doubt to the longest; `branches` is measured here."""
 
@@ -90,7 +90,7 @@ def run_parts(out: Path) -> None:
         ):
             if subprocess.run([*bench, *words], env=env, check=False).returncode not in (0, 1):
                 sys.exit(f"{part.name}: stopped; repeat the command to resume")
-        print(f"{part.name}: {time.monotonic() - begin:.0f} s")
+        print(f"{part.name}: {time.monotonic() - begin:.0f} s", flush=True)
         made.append(part.name)
     if not (out / "branches").exists():
         measure_branches(out / "branches.part")
