@@ -206,8 +206,10 @@ def choose_in_scene(
         if best:
             break
     outcome = "the initial path: no other is proved and shorter in time" if best is fixed else CHOSEN
-    if best and isinstance(best.path, PointToPoint) and best.trajectory.duration > enough:
-        best = min(best, plan_along(best.path, best.joint_path(0.0), DENSITIES[-1]), key=_order)
+    if best and isinstance(best.path, PointToPoint) and enough < best.trajectory.duration <= most:
+        fixed, best = (
+            one and (plan_along(one.path, one.joint_path(0.0), DENSITIES[-1]) or one) for one in (fixed, best)
+        )
     duration = fixed.trajectory.duration if fixed else best.trajectory.duration
     return replace(best, freedom=report(best, ChoiceReport(outcome, np.nan, tried, steps), duration)), rounds
 
@@ -217,15 +219,15 @@ def _clear(
     pairs: NearPairs,
 ) -> tuple[Plan | None, tuple[int, int]]:  # fmt: skip
     """Return the fastest plan from a free initial path or None if none is valid, and the rounds and Newton steps."""
-    (p, near), s, steps = first, choice.optimum.programme.s, 0
+    (p, near), (enough, most), s, steps = first, wanted, choice.optimum.programme.s, 0
     cuts = Cuts(choice.robot, scene, near[0], pairs)
     for rounds in range(1, MOST_CUTS + 1):
         programme = FreeProgramme(choice.optimum.programme, *choice.parts, *choice.statics, cuts.limits(choice))
-        solution = solve_coefficients(programme, p, choice.bounds, near, damping=choice.damping, enough=wanted[0])
+        solution = solve_coefficients(programme, p, choice.bounds, near, damping=choice.damping, enough=enough)
         if solution is None:
             break
         steps += solution.steps
-        if solution.duration > wanted[1]:
+        if solution.duration > most:
             break
         if cuts.add_touched(_between(solution.path, s)):
             continue
@@ -246,11 +248,11 @@ FEW_SEGMENTS = 20
 """Segments of a path up to which several sequences are initial guesses, and up to which a path in a scene is optimised without
 `avoid`: on a seam of 400 segments one optimisation takes 2 to 6 s, and does not know the obstacles."""
 ENOUGH_GAIN = 0.01
-"""If the chosen motion is shorter by less than this fraction than the motion along its initial path, another initial path is
-tried."""
+"""If the chosen motion is shorter by less than this fraction than a valid motion along its initial path, another initial path
+is tried."""
 DENSITIES = (1.0, 2.0)
 """Grid intervals around obstacles, as multiples of the law's default. Joint moves are chosen on the first, or on the
-second: between few grid points, bent paths exceed limits. They are timed again on the second."""
+second: between few grid points, bent paths exceed limits. Motions slower than `FAST` are timed again on the second."""
 ENOUGH_NEAR, FAST, NOT_FAR = 1.005, 1.01, 1.1
 """Ratios of a duration to the least one of a joint move. Up to `ENOUGH_NEAR`, no other initial path is tried. Up to `FAST`, an
 iteration ends, and the law shortens the motion along its path. Up to `NOT_FAR`, one motion that was shortened is enough."""
@@ -260,7 +262,7 @@ capsules each in a shelf, this takes 2 to 20 s, and the motion along the first p
 EARLY_RESTART = 1000
 """Samples before the first restart of the search there, from which on every second sample is local: half the time of 5,000."""
 MAY_GAIN = 1.02
-"""Largest ratio of the duration in a round to the best one of other initial paths for which there is a further round."""
+"""Largest ratio of the duration in a round to the best one along other initial paths: above it, a path is given up."""
 
 
 def choose_on_path(
@@ -334,19 +336,14 @@ def choose_searched(
         firsts.append((path, followed))
         if plan and (paths == 1 or not isinstance(request.law, Optimal) or _is_enough(plans)):
             break
-    best = min(plans, key=_order)
     for (path, followed), density in itertools.product(firsts, grids if paths == 1 else grids[1:]):
-        if best:
+        if any(plans) or not isinstance(request.law, Optimal):
             break
-        best, more = _plan_around(planner, path, followed, density, np.inf, ways, held=held, optimise=True)
-        rounds += more
+        plan, more = _plan_around(planner, path, followed, density, np.inf, ways, held=held, optimise=True)
+        plans, rounds = [*plans, plan], rounds + more
+    best = min(plans, key=lambda one: (not one, one.trajectory.duration if one else 0.0))
     summary = SearchReport(label(search) if isinstance(search, Search) else short_name(search), samples, rounds, tried)
     return replace(best, search=summary, failure=advise_elbow(best.failure, best.path, request.robot))
-
-
-def _order(plan: Plan) -> tuple[bool, float]:
-    """Return the key of the fastest valid plan."""
-    return not plan, plan.trajectory.duration if plan else 0.0
 
 
 def _is_first_enough(robot: Robot, scene: Scene) -> bool:
@@ -359,8 +356,8 @@ def _is_enough(plans: list[Plan]) -> bool:
     """Return whether no other initial path need be tried: the last motion is nearly the fastest, or one was shortened."""
     over = plans[-1].trajectory.duration / (plans[-1].least_duration or np.inf)
     made = [one.freedom for one in plans if one and one.freedom is not None]
-    # the gain is 0 if the initial path is in contact
-    gained = any(one.outcome == CHOSEN and not 0.0 < one.gain <= ENOUGH_GAIN for one in made)
+    # the gain is 0 if the motion along the initial path is not valid
+    gained = any(one.outcome == CHOSEN and (one.gain == 0.0 or one.gain > ENOUGH_GAIN) for one in made)
     return 0.0 < over <= ENOUGH_NEAR or (gained and (len(plans) > 1 or over <= NOT_FAR))
 
 

@@ -296,6 +296,9 @@ def test_the_same_scene_gives_the_same_motion_which_a_duration_slows() -> None:
     assert again and again.trajectory.duration == pytest.approx(6.0) and again.search == first.search
     slowed = first.trajectory.stretched(6.0 / first.trajectory.duration)
     assert (again.trajectory.coefficients == slowed.coefficients).all()
+    assert plan(panda(), GOAL, REST, limits=LIMITS, scene=wall(), avoid=True, duration=first.trajectory.duration)
+    assert first.freedom is not None
+    assert first.freedom.gain == pytest.approx(1.0 - first.trajectory.duration / first.freedom.fixed_duration)
 
 
 def test_any_law_times_the_way_that_is_found() -> None:
