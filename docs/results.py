@@ -365,7 +365,7 @@ def seam_line() -> Line:
     )
     count = " / ".join(row["seams"] for file in files for row in read_table(file)[:1])
     return Line(
-        "seams among boxes, four each, panda with a free turn / ur5e",
+        "seams among boxes, panda with a free turn / ur5e",
         "% certified",
         some(*ours),
         "pose by pose (ours)",
@@ -443,6 +443,13 @@ def draw_plot(title: str, bars: list[tuple[str, float]]) -> str:
 
 
 PLOTS = {
+    "warm.svg": (
+        "Near initial guess, six joints: median time [µs]",
+        "ik-speed/tables/calls-warm.csv",
+        "label",
+        "median [µs]",
+    ),
+    "laws.svg": ("Straight lines: duration / shortest known", REGULAR, "label", "slowed_down"),
     "branches.svg": ("All branches inside the limits: median time [µs]", BRANCHES, "label", "median [µs]"),
     "batch.svg": ("10,000 targets on all cores: time per target [µs]", BATCH, "label", "per target [µs]"),
     "torque.svg": ("Within torque limits: duration / shortest known", TORQUE, "label", "slowed_down"),
