@@ -27,7 +27,20 @@ from benchmarks.provenance import provenance
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "benchmarks/results"
 PAGE, README = RESULTS / "README.md", ROOT / "README.md"
-OURS = {"lm", "optimal", "path and time", "own, rounded", "stream", "stream, nearest", "closed_form", "sqp", "ipopt"}
+OURS = {
+    "lm",
+    "optimal",
+    "quintic",
+    "smooth",
+    "ruckig",
+    "path and time",
+    "own, rounded",
+    "stream",
+    "stream, nearest",
+    "closed_form",
+    "sqp",
+    "ipopt",
+}
 """Labels that are no peers."""
 BRANCHES, BATCH = "branches/tables/branches.csv", "branches/tables/batch.csv"
 REGULAR, TORQUE = "timing/tables/timing-lines-regular.csv", "torque/tables/timing-torque-joints.csv"
