@@ -207,11 +207,8 @@ def measure_worlds(out: Path) -> None:
     worlds = [row for row in rows["rivals"] if "ends" in row]
     keys = ("name", "boxes", "ends", "valid", "cpu", "T", "contacts", "torque", "speed")
     write_table(out / "tables/each-world.csv", [{key: row.get(key, "") for key in keys} for row in worlds])
-    guides = [
-        {key: row.get(key, "") for key in keys[:1] + keys[3:4] + keys[5:]}
-        for row in rows["rivals"]
-        if "ends" not in row
-    ]
+    keys = (*keys[:1], *keys[3:4], *keys[5:], "why")
+    guides = [{key: row.get(key, "") for key in keys} for row in rows["rivals"] if "ends" not in row]
     write_table(out / "tables/guide-motions.csv", guides)
     free = [row for row in worlds if row["ends"]]
     write_table(out / "tables/worlds.csv", [{
