@@ -162,7 +162,7 @@ def judge_guide(number: int) -> Row:
     extra = {name: value for name, value in limits().extra.items()}
     proof = certify(robot, None, motion, MotionLimits(np.array(VELOCITY), extra=extra), scene=scene)
     row = {"name": f"guide {number + 1} in {name}", "valid": proof.is_valid, "T": motion.duration}
-    return row | {"why": [str(one) for one in proof.violations][:4]} | sample(scene, motion)
+    return row | {"why": "; ".join(one.words for one in proof.violations[:4])} | sample(scene, motion)
 
 
 def judge(rows: list[Row]) -> list[Value]:
