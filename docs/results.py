@@ -364,6 +364,7 @@ def obstacle_line(what: str, file: str) -> Line:
         some(*(number(file, key, label=label) for key in OBSTACLE_KEYS)) for label in ("path and time", peer)
     )
     problems = next((f"{int(row['problems']):,}" for row in rows.values()), "")
+    peer = peer.replace("OMPL, rounded", "OMPL's search, our rounding")
     return Line(what, "% valid, ms, s", ours, peer, theirs, problems, "obstacles")
 
 
