@@ -28,19 +28,9 @@ ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "benchmarks/results"
 PAGE, README = RESULTS / "README.md", ROOT / "README.md"
 OURS = {
-    "lm",
-    "optimal",
-    "quintic",
-    "smooth",
-    "ruckig",
-    "path and time",
-    "own, rounded",
-    "stream",
+    "lm", "sqp", "ipopt", "closed_form", "quintic", "smooth", "ruckig", "optimal", "path and time", "own, rounded", "stream",
     "stream, nearest",
-    "closed_form",
-    "sqp",
-    "ipopt",
-}
+}  # fmt: skip
 """Labels that are no peers."""
 BRANCHES, BATCH = "branches/tables/branches.csv", "branches/tables/batch.csv"
 REGULAR, TORQUE = "timing/tables/timing-lines-regular.csv", "torque/tables/timing-torque-joints.csv"
@@ -79,7 +69,7 @@ PARTS = (
     Part("obstacles", "obstacles.toml", "panda.tar.bz2"),
     Part("seams", "seams"),
 )
-"""Suites, from the shortest doubt to the longest; `branches` is measured here."""
+"""The parts that are suites."""
 
 
 def run_parts(out: Path) -> None:
@@ -439,7 +429,7 @@ def draw_plot(title: str, bars: list[tuple[str, float]]) -> str:
     values = [value for _, value in bars if value > 0.0]
     low = 10.0 ** np.floor(np.log10(min(values)) - 0.2)
     span = np.log10(max(values) * 1.2 / low)
-    rows = [f'<text x="8" y="22" font-weight="bold">{escape(title)}</text>']
+    rows = [f'<text x="8" y="22" font-weight="bold">{escape(title)} (logarithmic; blue: optik)</text>']
     for k, (label, value) in enumerate(bars):
         y, width = 44 + 26 * k, 360.0 * max(np.log10(max(value, low) / low) / span, 0.005)
         colour = "#1f5fa8" if label in OURS else "#9aa5b1"

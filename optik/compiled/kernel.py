@@ -30,9 +30,7 @@ QUIET_SECONDS = 2.0
 """Time of compilation after which a process says that it compiles [s]."""
 SECONDS_A_LINE = 10.0
 """Time of compilation between two lines where there is no terminal [s]."""
-FIRST_USE = (
-    "optik: compiling on first use, about a minute; later runs use the cache (in advance: the command `optik kernels`)"
-)
+FIRST_USE = "optik: compiling on first use, about a minute; later runs use the cache (help: `optik kernels`)"
 """The line of a process that compiles, once."""
 NOT_SHIPPED = "optik: this installation has no compiled kernels for this platform and Python"
 """The line before it, if that is the reason."""

@@ -176,8 +176,7 @@ class MotionPlanner(PathPlanner):
     def _finish(self, found: Plan, duration: float | None) -> Plan:
         """Return a plan along a chosen path with the requested duration, if it meets its via points."""
         if duration is not None and found:
-            joints = FollowResult(found.joint_path, None)  # the coarse grid has the motion where the finer one has none
-            found = self._retime(found, duration) or self.time(found.path, joints, duration)[0]
+            found = self._retime(found, duration)
         if found and isinstance(found.path, PointToPoint) and (missed := found.path.list_missed()):
             reason = f"the via point at s = {missed[0].s:.6g} {found.path.unit} is missed by more than its tolerance"
             status, advice = PlanStatus.NOT_PROVED, "a wider tolerance, or via points farther apart"

@@ -183,9 +183,10 @@ def choose_in_scene(
 ) -> tuple[Plan, int]:
     """Return the fastest plan that is valid in a scene, or the one along the initial path; and the rounds.
 
-    Every round starts from the initial path, because the iteration cannot leave an obstacle. An iteration ends at a duration of
-    `enough` [s], and there are no further rounds above `most` [s], since a round adds limits. If no valid plan is found and the
-    number of coefficients was not given, more coefficients are tried. A slower move than `enough` is timed on the finer grid.
+    Every round starts from the same collision-free guess, because the iteration cannot leave an obstacle. An iteration ends at
+    a duration of `enough` [s]. Above `most` [s] a guess is given up: further rounds add limits. If no plan is valid and the
+    number of coefficients was not given, more coefficients are tried. A joint move between `enough` and `most` is timed again
+    on the finer grid, as is the one along the initial path.
     """
     best, tried, rounds, steps = fixed, 0, 0, 0
     pairs = NearPairs(choice.robot, scene, choice.programme.K + 1)
@@ -218,7 +219,7 @@ def _clear(
     choice: Choice, scene: Scene, first: tuple[Array, Array], plan_along: Callable[..., Plan], wanted: tuple[float, float],
     pairs: NearPairs,
 ) -> tuple[Plan | None, tuple[int, int]]:  # fmt: skip
-    """Return the fastest plan from a free initial path or None if none is valid, and the rounds and Newton steps."""
+    """Return the first valid plan from a collision-free guess, or None; and the numbers of rounds and Newton steps."""
     (p, near), (enough, most), s, steps = first, wanted, choice.optimum.programme.s, 0
     cuts = Cuts(choice.robot, scene, near[0], pairs)
     for rounds in range(1, MOST_CUTS + 1):
@@ -248,11 +249,10 @@ FEW_SEGMENTS = 20
 """Segments of a path up to which several sequences are initial guesses, and up to which a path in a scene is optimised without
 `avoid`: on a seam of 400 segments one optimisation takes 2 to 6 s, and does not know the obstacles."""
 ENOUGH_GAIN = 0.01
-"""If the chosen motion is shorter by less than this fraction than a valid motion along its initial path, another initial path
-is tried."""
+"""Least fraction by which a chosen motion is shorter than a valid one along its initial path, to count as shortened."""
 DENSITIES = (1.0, 2.0)
-"""Grid intervals around obstacles, as multiples of the law's default. Joint moves are chosen on the first, or on the
-second: between few grid points, bent paths exceed limits. Motions slower than `FAST` are timed again on the second."""
+"""Grid intervals around obstacles, as multiples of the law's default. Joint moves are optimised on the first, and on the
+second if none is valid: between few grid points, bent paths exceed limits. Paths with freedoms are optimised on the second."""
 ENOUGH_NEAR, FAST, NOT_FAR = 1.005, 1.01, 1.1
 """Ratios of a duration to the least one of a joint move. Up to `ENOUGH_NEAR`, no other initial path is tried. Up to `FAST`, an
 iteration ends, and the law shortens the motion along its path. Up to `NOT_FAR`, one motion that was shortened is enough."""
@@ -353,7 +353,11 @@ def _is_first_enough(robot: Robot, scene: Scene) -> bool:
 
 
 def _is_enough(plans: list[Plan]) -> bool:
-    """Return whether no other initial path need be tried: the last motion is nearly the fastest, or one was shortened."""
+    """Return whether no other initial path need be tried.
+
+    The last motion is nearly the fastest; or one is chosen that is shorter or replaces an invalid one, and the last one is not
+    the first or takes at most `NOT_FAR` of the least duration.
+    """
     over = plans[-1].trajectory.duration / (plans[-1].least_duration or np.inf)
     made = [one.freedom for one in plans if one and one.freedom is not None]
     # the gain is 0 if the motion along the initial path is not valid
@@ -365,7 +369,7 @@ def _plan_around(
     planner: PathPlanner, path: FreePath | PointToPoint, followed: FollowResult, density: float, before: float,
     ways: Sequence[FreeWay], *, held: bool, optimise: bool,
 ) -> tuple[Plan, int]:  # fmt: skip
-    """Return the fastest plan from one initial path on a grid, and the rounds; `before` is the best duration of others [s]."""
+    """Return the fastest plan from one initial path on a grid, and the rounds; `before` [s] is the best along earlier ones."""
     scene = planner.request.scene
     assert scene is not None
 
